@@ -1,0 +1,1 @@
+"""Recordings to p(error): everything about EEG, nothing about robots."""

@@ -1,0 +1,73 @@
+"""Write files so that a killed run or a full disk never leaves half a file behind."""
+
+import hashlib
+import json
+import os
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def atomic_path(path):
+    """Give a temporary path beside `path`; rename it to `path` when the block succeeds.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file wanted. Its folder is created.
+
+    Yields
+    ------
+    Path
+        A name with the same suffix in the same folder, to write to.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to or the disk is full. An earlier `path` stays as it was.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(
+            f"cannot create the folder {path.parent} ({error.strerror}); "
+            "choose another output folder with --out"
+        ) from error
+    # The suffix stays last because libraries choose the format by it.
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise OSError(
+            error.errno, f"cannot write {path} ({error.strerror}); is the disk full or read-only?"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path, text):
+    """Write `text` to `path` as UTF-8, atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_csv(path, frame):
+    """Write a DataFrame to `path` without its index, atomically and with round-trip floats."""
+    with atomic_path(path) as temporary:
+        frame.to_csv(temporary, index=False, lineterminator="\n")
+
+
+def canonical_json(value):
+    """JSON with sorted keys and no spaces, so that equal values give equal text."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"))
+
+
+def sha256(data):
+    """Hexadecimal SHA-256 of bytes, a string (as UTF-8) or the content of a Path."""
+    if isinstance(data, Path):
+        data = data.read_bytes()
+    elif isinstance(data, str):
+        data = data.encode()
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,1 @@
+"""Observer, rewards, SAC training, evaluation and sweeps."""

@@ -1,0 +1,63 @@
+"""What determines a run: its config, its readable id, its hash."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from rlihf_lib.files import canonical_json, sha256
+
+CONDITIONS = ("sparse", "dense", "rlihf")
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """One training run. A run is a pure function of this object (and of the p(error) rows it names)."""
+
+    condition: str
+    """Training reward: "sparse", "dense" or "rlihf"."""
+    seed: int
+    """Seeds placement, exploration, networks and the draw of epochs."""
+    total_steps: int
+    """Environment steps of training (paper: 150,000)."""
+    eval_every: int
+    """Training steps between two evaluation points."""
+    profile: str = "quick"
+    """Name of the profile that chose the sizes."""
+    eeg: str = "none"
+    """Where p(error) comes from: "simulated", "hri", a folder's name; "none" without feedback."""
+    subject: str = ""
+    """Held-out subject whose epochs answer the observer; empty without feedback."""
+    w_hf: float = 0.0
+    """Weight of human feedback in the composite reward; 0 without feedback."""
+    p_error_sha256: str = ""
+    """Hash of the subject's rows of the p(error) table; empty without feedback."""
+    horizon: int = 1000
+    """Steps after which an episode is truncated (paper: 1000)."""
+    eval_rollouts: int = 5
+    """Rollouts per evaluation point (paper: 5)."""
+
+    def __post_init__(self):
+        if self.condition not in CONDITIONS:
+            raise ValueError(
+                f"condition is {self.condition!r}; choose one of {', '.join(CONDITIONS)}"
+            )
+        if (self.condition == "rlihf") != bool(self.subject):
+            raise ValueError(
+                f"condition {self.condition!r} with subject {self.subject!r}: "
+                "rlihf needs a subject, the other conditions take none"
+            )
+
+    @property
+    def run_id(self):
+        """Readable name of the run's folder, such as `rlihf-w0.7-s05-seed3` or `dense-seed0`."""
+        if self.condition == "rlihf":
+            return f"rlihf-w{self.w_hf:g}-{self.subject}-seed{self.seed}"
+        return f"{self.condition}-seed{self.seed}"
+
+    def to_dict(self):
+        """Return the fields as plain JSON values."""
+        return dataclasses.asdict(self)
+
+    @property
+    def hash(self):
+        """Hash of everything in the config: present and equal in a run folder means done."""
+        return sha256(canonical_json(self.to_dict()))

@@ -1,0 +1,1 @@
+"""The robot's world: scene, control, ideal path, Gymnasium interface."""
