@@ -1,0 +1,127 @@
+"""How figures look, where they are saved, and the manifest that says what each was drawn from."""
+
+import json
+from pathlib import Path
+
+import matplotlib as mpl
+
+from rlihf_lib.files import atomic_path, sha256, write_text
+
+# Okabe & Ito (2008), "Color Universal Design": told apart with every common colour blindness.
+COLORS = {
+    "sparse": "#7F7F7F",
+    "dense": "#0072B2",
+    "rlihf": "#D55E00",
+    "correct": "#0072B2",
+    "error": "#D55E00",
+    "pretrain": "#F0E442",  # the paper's Fig. 5: yellow and orange bars
+    "online": "#E69F00",
+    "ideal": "#000000",
+    "w0.1": "#56B4E9",
+    "w0.4": "#009E73",
+    "w0.7": "#D55E00",
+}
+LABELS = {"sparse": "RL sparse", "dense": "RL dense", "rlihf": "RLIHF"}
+
+# Inches of a two-column conference page (ieeeconf, letter).
+COLUMN_WIDTH = 3.4
+PAGE_WIDTH = 7.0
+
+RC = {
+    "figure.dpi": 120,
+    "savefig.dpi": 200,
+    "savefig.bbox": "tight",
+    "savefig.pad_inches": 0.03,
+    "figure.constrained_layout.use": True,
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E5E5E5",
+    "grid.linewidth": 0.5,
+    "pdf.fonttype": 42,  # journals refuse Type 3 fonts
+}
+
+
+def use_style():
+    """Set Matplotlib's defaults for a two-column paper."""
+    mpl.rcParams.update(RC)
+
+
+def caption(study, n=""):
+    """Return what every figure must own up to: whose EEG, which profile, how many of what.
+
+    Parameters
+    ----------
+    study : Study
+    n : str
+        Such as "3 subjects x 2 seeds".
+    """
+    return " · ".join(filter(None, [study.eeg_label, f"profile {study.profile.name}", n]))
+
+
+def note(fig, text):
+    """Write `text` small and grey under a figure."""
+    fig.supxlabel(text, fontsize=6, color="#555555")
+
+
+def save_figure(fig, study, name, notebook, sources=()):
+    """Save a figure as PDF and PNG and record in `manifest.json` what it was drawn from.
+
+    Parameters
+    ----------
+    fig : matplotlib.figure.Figure
+    study : Study
+        Gives the folder, `figures/<study>/`.
+    name : str
+        File name without suffix, such as "fig5_decoder_accuracy".
+    notebook : str
+        The notebook that draws it, such as "02_loso_decoder".
+    sources : sequence of (Path or str)
+        Files, or ids of runs of the study (their `eval.csv`), whose data are in the figure.
+
+    Returns
+    -------
+    Path
+        The PNG.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a source does not exist: a figure from nowhere is not saved.
+    """
+    hashes = {}
+    for source in sources:
+        path = Path(source)
+        if not path.is_absolute() and not path.exists():
+            path = study.runs / str(source) / "eval.csv"
+        if not path.is_file():
+            raise FileNotFoundError(
+                f"figure {name} names the source {source}, but {path} is missing"
+            )
+        hashes[_relative(path, study)] = sha256(path)
+    # Without a fixed date and software version, equal data would give unequal files.
+    metadata = {".pdf": {"CreationDate": None}, ".png": {"Software": None}}
+    for suffix, fields in metadata.items():
+        with atomic_path(study.figures / f"{name}{suffix}") as temporary:
+            fig.savefig(temporary, metadata=fields)
+    manifest_path = study.figures / "manifest.json"
+    manifest = json.loads(manifest_path.read_text()) if manifest_path.exists() else {}
+    manifest[name] = {"notebook": notebook, "sources": hashes}
+    write_text(manifest_path, json.dumps(manifest, indent=1, sort_keys=True) + "\n")
+    return study.figures / f"{name}.png"
+
+
+def _relative(path, study):
+    """Name a file relative to the study's output folder, so that manifests hold no home folder."""
+    path = path.resolve()
+    return str(path.relative_to(study.out)) if path.is_relative_to(study.out) else path.name

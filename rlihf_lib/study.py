@@ -1,0 +1,285 @@
+"""What a study is: a profile (how much), an EEG source (whose brains) and a folder (where to)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from rlihf_lib.files import sha256
+from rlihf_lib.rl.config import RunConfig
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+EEG_SOURCES = ("simulated", "hri")
+STAGES = ("sparse", "dense", "rlihf", "ablation")
+
+
+@dataclass(frozen=True)
+class DecoderSizes:
+    """How long and how often the decoder is trained; never how it works."""
+
+    max_epochs: int
+    """Passes over the training subjects at most."""
+    patience: int
+    """Passes without a better validation loss after which training stops."""
+    ensemble: int
+    """Networks per fold, with different seeds, whose outputs are averaged."""
+    n_permutations: int
+    """Label permutations behind the chance level."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Sizes of a study. A profile changes sizes, never code paths."""
+
+    name: str
+    n_subjects: int | None
+    """Subjects decoded, the first of the source; None = all of them."""
+    n_policy_subjects: int | None
+    """Subjects whose decoded feedback trains policies; None = every decoded one."""
+    seeds: tuple[int, ...]
+    """One run per seed, condition, weight and policy subject (paper: five)."""
+    total_steps: int
+    """Environment steps of training (paper: 150,000)."""
+    eval_every: int
+    """Training steps between two evaluation points."""
+    decoder: DecoderSizes
+    horizon: int = 1000
+    """Steps after which an episode is truncated (paper: 1000)."""
+    eval_rollouts: int = 5
+    """Rollouts per evaluation point (paper: 5)."""
+    weights: tuple[float, ...] = (0.1, 0.4, 0.7)
+    """Weights of human feedback compared in Fig. 6 (paper: these three)."""
+    w_hf: float = 0.7
+    """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
+
+
+PROFILES = {
+    profile.name: profile
+    for profile in (
+        Profile(
+            name="smoke",
+            n_subjects=3,
+            n_policy_subjects=1,
+            seeds=(0,),
+            total_steps=3_000,
+            eval_every=1_000,
+            decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=1, n_permutations=100),
+            horizon=150,
+            eval_rollouts=2,
+        ),
+        Profile(
+            name="quick",
+            n_subjects=12,
+            n_policy_subjects=3,
+            seeds=(0, 1),
+            total_steps=40_000,
+            eval_every=4_000,
+            decoder=DecoderSizes(max_epochs=100, patience=15, ensemble=1, n_permutations=1_000),
+        ),
+        Profile(
+            name="paper",
+            n_subjects=None,
+            n_policy_subjects=None,
+            seeds=(0, 1, 2, 3, 4),
+            total_steps=150_000,
+            eval_every=5_000,
+            decoder=DecoderSizes(max_epochs=100, patience=15, ensemble=1, n_permutations=1_000),
+        ),
+    )
+}
+
+
+class Study:
+    """Names, sizes and folders of one study.
+
+    Parameters
+    ----------
+    profile : {"smoke", "quick", "paper"}
+        How much is computed.
+    eeg : str or Path
+        "simulated", "hri" (the paper's recordings), or a folder of epochs `sub-XX[_ses-YY]_epo.fif`.
+    out : str or Path
+        Where `results/` and `figures/` go; empty for the repository.
+
+    Attributes
+    ----------
+    name : str
+        Folder under `results/` and `figures/`, such as "quick-simulated".
+    results, figures, decoder, runs, tables, notebooks : Path
+        Where everything lies. Nothing is created before it is written to.
+
+    Raises
+    ------
+    ValueError
+        If the profile is unknown, or `eeg` is neither a known source nor a folder.
+    """
+
+    def __init__(self, profile="quick", eeg="simulated", out=""):
+        if profile not in PROFILES:
+            raise ValueError(f"profile is {profile!r}; choose one of {', '.join(PROFILES)}")
+        self.profile = PROFILES[profile]
+        self.eeg = str(eeg)
+        if self.eeg in EEG_SOURCES:
+            self.eeg_name = self.eeg
+        else:
+            folder = Path(self.eeg).expanduser()
+            if not folder.is_dir():
+                raise ValueError(
+                    f"eeg is {self.eeg!r}, which is neither {' nor '.join(EEG_SOURCES)} nor a folder; "
+                    "give one of these or a folder of sub-XX[_ses-YY]_epo.fif files"
+                )
+            self.eeg = str(folder.resolve())
+            self.eeg_name = Path(self.eeg).name
+            if self.eeg_name in EEG_SOURCES:
+                raise ValueError(
+                    f"the EEG folder {self.eeg} is named like a built-in source, "
+                    "so their results would mix; rename the folder"
+                )
+        self.name = f"{profile}-{self.eeg_name}"
+        self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
+        self.results = self.out / "results" / self.name
+        self.figures = self.out / "figures" / self.name
+        self.decoder = self.results / "decoder"
+        self.runs = self.results / "runs"
+        self.tables = self.results / "tables"
+        self.notebooks = self.results / "notebooks"
+
+    @property
+    def eeg_label(self):
+        """Words for figures and tables: whose EEG this is."""
+        return {
+            "simulated": "simulated EEG",
+            "hri": "recorded EEG (ErrP-HRI)",
+        }.get(self.eeg_name, f"recorded EEG ({self.eeg_name})")
+
+    def subjects(self):
+        """Return the subjects to decode: the first `n_subjects` of the source, in its order."""
+        from rlihf_lib.eeg.recordings import source_subjects  # imports MNE, so only when asked
+
+        return source_subjects(self.eeg)[: self.profile.n_subjects]
+
+    def p_error(self):
+        """Read the p(error) table of held-out epochs, the only thing policies know of the EEG.
+
+        Returns
+        -------
+        DataFrame
+            Columns subject, epoch, label (1 = error), p_error in [0, 1] (calibrated), ...
+
+        Raises
+        ------
+        FileNotFoundError
+            If notebook 02 has not written it yet.
+        ValueError
+            If a column is missing or a probability is not in [0, 1].
+        """
+        path = self.decoder / "p_error.csv"
+        table = _read_table(path, ("subject", "epoch", "label", "p_error"))
+        if not table["p_error"].between(0, 1).all():
+            row = table.index[~table["p_error"].between(0, 1)][0]
+            raise ValueError(
+                f"{path}, line {row + 2}: p_error is {table['p_error'][row]}, not in [0, 1]; "
+                "write the table anew with notebook 02"
+            )
+        return table
+
+    def policy_subjects(self):
+        """Choose the subjects for whom policies are trained, before any policy is seen.
+
+        The decoded subjects are sorted by the AUROC of their held-out epochs and
+        `n_policy_subjects` are taken at equal distances of rank: with three, the weakest, the
+        median and the strongest decoder; with one, the median.
+
+        Returns
+        -------
+        list of str
+            In the order of the table of scores.
+        """
+        scores = _read_table(self.decoder / "scores.csv", ("subject", "auroc"))
+        count = min(self.profile.n_policy_subjects or len(scores), len(scores))
+        ranked = scores.sort_values(["auroc", "subject"])["subject"].tolist()
+        middle = (len(ranked) - 1) / 2
+        ranks = np.linspace(0, len(ranked) - 1, count) if count > 1 else np.array([middle])
+        chosen = {ranked[int(rank)] for rank in ranks}
+        return [subject for subject in scores["subject"] if subject in chosen]
+
+    def run_configs(self, stage):
+        """List the runs of a stage.
+
+        Parameters
+        ----------
+        stage : {"sparse", "dense", "rlihf", "ablation"}
+            A condition of the main comparison, or every weight of the ablation. The ablation's
+            runs at the main weight are the main comparison's.
+
+        Returns
+        -------
+        list of RunConfig
+
+        Raises
+        ------
+        ValueError
+            If the stage is unknown.
+        FileNotFoundError
+            If the stage needs p(error) and notebook 02 has not written it yet.
+        """
+        if stage not in STAGES:
+            raise ValueError(f"stage is {stage!r}; choose one of {', '.join(STAGES)}")
+        profile = self.profile
+        sizes = {
+            "total_steps": profile.total_steps,
+            "eval_every": profile.eval_every,
+            "profile": profile.name,
+            "horizon": profile.horizon,
+            "eval_rollouts": profile.eval_rollouts,
+        }
+        if stage in ("sparse", "dense"):
+            return [RunConfig(condition=stage, seed=seed, **sizes) for seed in profile.seeds]
+        table = self.p_error()
+        return [
+            RunConfig(
+                condition="rlihf",
+                seed=seed,
+                eeg=self.eeg_name,
+                subject=subject,
+                w_hf=w_hf,
+                p_error_sha256=p_error_sha256(table, subject),
+                **sizes,
+            )
+            for w_hf in (profile.weights if stage == "ablation" else (profile.w_hf,))
+            for subject in self.policy_subjects()
+            for seed in profile.seeds
+        ]
+
+
+def p_error_sha256(table, subject):
+    """Hash the rows a run draws its feedback from: epoch, label and p_error of one subject.
+
+    Raises
+    ------
+    ValueError
+        If the table has no row of the subject.
+    """
+    rows = table.loc[table["subject"] == subject, ["epoch", "label", "p_error"]]
+    if rows.empty:
+        raise ValueError(
+            f"the p(error) table has no epochs of subject {subject!r}; "
+            f"it has {', '.join(sorted(table['subject'].unique()))}"
+        )
+    return sha256(rows.to_csv(index=False, lineterminator="\n"))
+
+
+def _read_table(path, columns):
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path} does not exist yet; run notebook 02_loso_decoder first (--only 02)"
+        )
+    # Shortest-representation floats come back bit by bit only from the round-trip parser.
+    table = pd.read_csv(path, dtype={"subject": str}, float_precision="round_trip")
+    missing = [column for column in columns if column not in table.columns]
+    if missing:
+        raise ValueError(
+            f"{path} lacks the column(s) {', '.join(missing)}; write it anew with notebook 02"
+        )
+    return table
