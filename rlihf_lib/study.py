@@ -98,7 +98,8 @@ class Study:
     profile : {"smoke", "quick", "paper"}
         How much is computed.
     eeg : str or Path
-        "simulated", "hri" (the paper's recordings), or a folder of epochs `sub-XX[_ses-YY]_epo.fif`.
+        "simulated", "hri" (the paper's recordings), or a folder of epochs,
+        `sub-XX[_ses-YY]_epo.fif`.
     out : str or Path
         Where `results/` and `figures/` go; empty for the repository.
 
@@ -126,7 +127,7 @@ class Study:
             folder = Path(self.eeg).expanduser()
             if not folder.is_dir():
                 raise ValueError(
-                    f"eeg is {self.eeg!r}, which is neither {' nor '.join(EEG_SOURCES)} nor a folder; "
+                    f"eeg is {self.eeg!r}, neither {' nor '.join(EEG_SOURCES)} nor a folder; "
                     "give one of these or a folder of sub-XX[_ses-YY]_epo.fif files"
                 )
             self.eeg = str(folder.resolve())
