@@ -1,0 +1,181 @@
+"""Sweeps: finished runs are skipped, deaths cost only the runs in flight."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pandas as pd
+import pytest
+
+from rlihf_lib.rl.config import RunConfig
+from rlihf_lib.rl.sweep import is_done, run_sweep
+
+# A training function in a module of its own, as workers must be able to import it.
+FAKE_TRAINING = '''
+import json, os, time
+from pathlib import Path
+
+
+def train(config, folder, p_error):
+    """Write what a run writes; a pure function of the config and the p(error) rows."""
+    control = Path(os.environ["FAKE_CONTROL"])
+    with open(control / "log", "a") as log:
+        log.write(config.run_id + "\\n")
+    if (control / "slow").exists():
+        time.sleep(0.7)
+    if config.seed == 3 and (control / "die-once").exists():
+        (control / "die-once").unlink()
+        os.kill(os.getpid(), 9)
+    if config.seed == 1 and (control / "fail").exists():
+        raise FloatingPointError("the critic is NaN")
+    mean = float(p_error["p_error"].mean()) if p_error is not None else 0.0
+    (folder / "eval.csv").write_text(f"step,return\\n0,{config.seed + mean!r}\\n")
+    (folder / "config.json").write_text(json.dumps({**config.to_dict(), "hash": config.hash}))
+'''
+
+
+@pytest.fixture
+def fake(tmp_path, monkeypatch):
+    """The fake training function, and the folder whose files say how it behaves."""
+    (tmp_path / "fake_training.py").write_text(FAKE_TRAINING)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("FAKE_CONTROL", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    sys.modules.pop("fake_training", None)
+    import fake_training
+
+    return fake_training.train, tmp_path
+
+
+def configs(n):
+    return [RunConfig(condition="dense", seed=i, total_steps=10, eval_every=5) for i in range(n)]
+
+
+def feedback_config():
+    return RunConfig(
+        condition="rlihf", seed=0, total_steps=10, eval_every=5, eeg="x", subject="s02", w_hf=0.7
+    )
+
+
+def trained(folder):
+    log = folder / "log"
+    return log.read_text().split() if log.exists() else []
+
+
+def contents(runs_dir):
+    """Hash of every file of every run; hidden leftovers would show up too."""
+    return {
+        str(path.relative_to(runs_dir)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(runs_dir.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_finished_runs_are_skipped_and_changed_or_recomputed_ones_are_not(fake):
+    train, folder = fake
+    runs = folder / "study" / "runs"
+    lines = []
+    assert run_sweep(configs(2), runs, train=train, workers=1, progress=lines.append) == 2
+    assert all(is_done(config, runs) for config in configs(2))
+    assert run_sweep(configs(2), runs, train=train, workers=1, progress=lines.append) == 0
+    assert "already" in lines[-1]
+    longer = RunConfig(condition="dense", seed=0, total_steps=20, eval_every=5)
+    assert longer.run_id == configs(1)[0].run_id
+    assert not is_done(longer, runs)
+    assert run_sweep([longer], runs, train=train, workers=1, progress=lines.append) == 1
+    assert is_done(longer, runs)
+    run_sweep([longer], runs, train=train, workers=1, recompute=True, progress=lines.append)
+    assert len(trained(folder)) == 4
+    assert not list(runs.parent.glob(".*")), "the progress file is removed"
+
+
+def test_a_run_gets_the_rows_of_its_own_subject_only(fake):
+    train, folder = fake
+    table = pd.DataFrame({"subject": ["s02", "s03", "s02"], "p_error": [0.25, 0.9, 0.5]})
+    run_sweep([feedback_config()], folder / "runs", p_error=table, workers=1, train=train)
+    assert "0,0.375" in (folder / "runs" / feedback_config().run_id / "eval.csv").read_text()
+
+
+def test_feedback_without_a_table_is_refused(fake):
+    train, folder = fake
+    with pytest.raises(ValueError, match=r"s02 need the p\(error\) table"):
+        run_sweep([feedback_config()], folder / "runs", workers=1, train=train)
+
+
+def test_a_worker_that_dies_costs_only_its_run_which_is_retried(fake):
+    train, folder = fake
+    (folder / "die-once").touch()
+    run_sweep(configs(4), folder / "runs", train=train, workers=2, progress=lambda line: None)
+    assert not (folder / "die-once").exists(), "no worker died: the test tested nothing"
+    assert all(is_done(config, folder / "runs") for config in configs(4))
+    assert trained(folder).count("dense-seed3") == 2
+    assert trained(folder).count("dense-seed0") == 1
+
+
+def test_a_failing_run_is_named_and_the_others_are_kept(fake):
+    train, folder = fake
+    (folder / "fail").touch()
+    with pytest.raises(RuntimeError, match=r"1 of 3 runs failed.*dense-seed1.*critic is NaN"):
+        run_sweep(configs(3), folder / "runs", train=train, workers=1, progress=lambda line: None)
+    assert [is_done(config, folder / "runs") for config in configs(3)] == [True, False, True]
+
+
+def test_kill_9_in_the_middle_then_resume_equals_an_uninterrupted_sweep(fake):
+    train, folder = fake
+    (folder / "slow").touch()
+    runs = folder / "killed" / "runs"
+    script = textwrap.dedent(
+        f"""
+        from pathlib import Path
+        from fake_training import train
+        from rlihf_lib.rl.config import RunConfig
+        from rlihf_lib.rl.sweep import run_sweep
+        if __name__ == "__main__":
+            configs = [RunConfig(condition="dense", seed=i, total_steps=10, eval_every=5)
+                       for i in range(8)]
+            run_sweep(configs, Path({str(runs)!r}), train=train, workers=2)
+        """
+    )
+    (folder / "sweep_script.py").write_text(script)
+    process = subprocess.Popen(
+        [sys.executable, "sweep_script.py"], cwd=folder, stdout=subprocess.DEVNULL
+    )
+    deadline = time.time() + 60
+    while sum(is_done(config, runs) for config in configs(8)) < 2:
+        assert time.time() < deadline and process.poll() is None
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    done = [config for config in configs(8) if is_done(config, runs)]
+    assert 2 <= len(done) < 8
+    time.sleep(2)
+    before = len(trained(folder))
+    time.sleep(2)
+    assert len(trained(folder)) == before, "workers went on after their sweep was killed"
+
+    (folder / "slow").unlink()
+    (folder / "log").unlink()
+    run_sweep(configs(8), runs, train=train, workers=2, progress=lambda line: None)
+    assert sorted(trained(folder)) == sorted(
+        config.run_id for config in configs(8) if config not in done
+    )
+    whole = folder / "whole" / "runs"
+    run_sweep(configs(8), whole, train=train, workers=2, progress=lambda line: None)
+    assert contents(runs) == contents(whole)
+
+
+def test_a_scheduler_named_in_the_environment_is_used(fake, monkeypatch):
+    from distributed import LocalCluster
+
+    train, folder = fake
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
+    ) as cluster:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
+        run_sweep(configs(1), folder / "runs", train=train, progress=lambda line: None)
+        assert is_done(configs(1)[0], folder / "runs")
+        assert cluster.scheduler.transition_counter > 0
