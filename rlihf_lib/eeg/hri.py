@@ -1,0 +1,1 @@
+"""The ErrP-HRI recordings: download and verify (in preparation)."""

@@ -1,0 +1,239 @@
+"""Recordings to epochs: band-pass, average reference, 2-s windows at feedback onset, labels."""
+
+from dataclasses import asdict, dataclass
+
+import mne
+import numpy as np
+import pandas as pd
+
+from rlihf_lib.eeg import recordings
+from rlihf_lib.eeg.dataset import (
+    CORRECT,
+    FEEDBACKS,
+    HUMAN_ERROR,
+    MACHINE_ERROR,
+    N_TRIALS_PER_BLOCK,
+    STIMULI,
+    cache_dir,
+)
+from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
+
+_VERSION = 1  # raise when the steps change in anything but their settings
+EVENT_ID = {"correct": 1, "error": 2}
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """Settings of the preprocessing."""
+
+    #: Band of the paper, Hz. Zero-phase FIR (MNE's `firwin` design, Hamming window, 3.3 s long).
+    l_freq: float = 1.0
+    h_freq: float = 20.0
+    #: "average" re-references to the mean of the EEG channels; "recorded" keeps the recording's.
+    reference: str = "average"
+    #: Hz. Recordings above it are resampled, those below stay as they are.
+    sfreq: float = 256.0
+    #: Window from the feedback onset on, s. There is no baseline correction: the 1-Hz high-pass has
+    #: taken the offset away, and a window that starts at the onset is what a stream can cut.
+    duration: float = 2.0
+    #: V, peak to peak within the window; above it on any EEG channel an epoch is an artefact.
+    reject: float = 200e-6
+    #: Names of the events in a folder of epochs.
+    correct_event: str = "correct"
+    error_event: str = "error"
+
+    def __post_init__(self):
+        if self.reference not in ("average", "recorded"):
+            raise ValueError(
+                f"reference {self.reference!r} is unknown; choose 'average' or 'recorded'"
+            )
+
+
+def load_epochs(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
+    """Preprocessed epochs of one subject.
+
+    Parameters
+    ----------
+    eeg : str or Path
+        ``"simulated"``, ``"hri"``, or a folder of epochs.
+    subject : str
+        One of `recordings.source_subjects`.
+    settings : Preprocessing
+
+    Returns
+    -------
+    mne.EpochsArray
+        EEG and EOG channels in volts; events ``correct`` and ``error``. The metadata has the columns
+        subject, session, epoch (index of the feedback within the subject's recording, counting the
+        dropped ones, so that it stays the same whatever is dropped), label (0 correct, 1 error)
+        and, for recordings, sample (of the onset) and block.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the recording cannot be had, read or labelled: see `recordings`.
+
+    Notes
+    -----
+    Epochs of recordings are cached in `dataset.cache_dir`, by the content of the recording and the
+    settings. Epochs of a folder keep their windows, are never resampled upwards, and are filtered
+    only if they are at least three times as long as the filter: a second filtering of short epochs
+    smears their edges into the response.
+    """
+    if eeg not in ("simulated", "hri"):
+        return _folder_epochs(eeg, subject, settings)
+    return _cached(eeg, subject, settings)[0]
+
+
+def load_events(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
+    """All feedback events of a simulated or ErrP-HRI subject, and what became of each.
+
+    Parameters
+    ----------
+    eeg : {"simulated", "hri"}
+    subject : str
+    settings : Preprocessing
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per feedback: subject, session, epoch, sample (onset in the preprocessed data),
+        block, label (0 correct, 1 error, -1 neither), status (kept, artefact, human error,
+        no outcome, past the end).
+    """
+    return _cached(eeg, subject, settings)[1]
+
+
+def load_continuous(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
+    """Preprocessed continuous recording of a subject, to be replayed as a stream.
+
+    Parameters
+    ----------
+    eeg : {"simulated", "hri"}
+    subject : str
+    settings : Preprocessing
+
+    Returns
+    -------
+    raw : mne.io.Raw
+        EEG and EOG channels, volts.
+    events : pandas.DataFrame
+        See `load_events`. The `n` samples from `sample` on are, bit for bit, the epoch that
+        `load_epochs` returns for a kept event.
+
+    Raises
+    ------
+    ValueError
+        If the source is a folder of epochs, which has no continuous signal, or no feedback of the
+        recording can be labelled.
+    """
+    if eeg not in ("simulated", "hri"):
+        raise ValueError(f"{eeg} holds epochs, not continuous data; choose 'simulated' or 'hri'")
+    raw = recordings.read_recording(eeg, subject)
+    events = _feedback_events(raw, settings)
+    events.insert(0, "subject", subject)
+    events.insert(1, "session", eeg)
+    _filter(raw, settings)
+    n_times = round(settings.duration * raw.info["sfreq"])
+    events["sample"] = np.round(events["onset"] * raw.info["sfreq"]).astype(int)
+    data = raw.get_data(picks="eeg")
+    for row in events.index[events["status"] == "kept"]:
+        window = data[:, events.at[row, "sample"] :][:, :n_times]
+        if window.shape[1] < n_times:
+            events.at[row, "status"] = "past the end"
+        elif np.ptp(window, axis=1).max() > settings.reject:
+            events.at[row, "status"] = "artefact"
+    columns = ["subject", "session", "epoch", "sample", "block", "label", "status"]
+    return raw, events[columns]
+
+
+def _feedback_events(raw, settings):
+    """Feedback events in the order of time, labelled by the outcome marker of their trial."""
+    onset, name = raw.annotations.onset, raw.annotations.description
+    trial = np.searchsorted(onset[np.isin(name, STIMULI)], onset, side="right")
+    rows = []
+    for index in np.flatnonzero(np.isin(name, FEEDBACKS)):
+        outcome = set(name[trial == trial[index]]) & {CORRECT, HUMAN_ERROR, MACHINE_ERROR}
+        outcome = outcome.pop() if len(outcome) == 1 else None
+        label = {CORRECT: 0, MACHINE_ERROR: 1}.get(outcome, -1)
+        status = {None: "no outcome", HUMAN_ERROR: "human error"}.get(outcome, "kept")
+        rows.append((onset[index], label, status))
+    events = pd.DataFrame(rows, columns=["onset", "label", "status"])
+    if not (events["label"] >= 0).any():
+        raise ValueError(
+            f"no feedback ({', '.join(FEEDBACKS)}) with an outcome ({CORRECT}, {MACHINE_ERROR}) "
+            f"among the events of the recording, which are {', '.join(sorted(set(name))) or 'none'}"
+        )
+    events["epoch"] = np.arange(len(events))
+    events["block"] = events["epoch"] // N_TRIALS_PER_BLOCK
+    return events
+
+
+def _filter(raw, settings):
+    """Band-pass, resample and re-reference in place."""
+    raw.filter(settings.l_freq, settings.h_freq, picks=["eeg", "eog"], verbose="error")
+    if raw.info["sfreq"] > settings.sfreq:
+        raw.resample(settings.sfreq, verbose="error")
+    if settings.reference == "average":
+        raw.set_eeg_reference("average", verbose="error")
+    # Single precision, far below the noise, so that what a file holds equals what memory holds.
+    raw.apply_function(lambda values: values.astype(np.float32), picks="all", verbose="error")
+
+
+def _cached(eeg, subject, settings):
+    path = recordings.recording_path(eeg, subject)
+    content = [sha256(file) for file in (path, path.with_suffix(".fdt")) if file.is_file()]
+    key = sha256(canonical_json([_VERSION, eeg, subject, content, asdict(settings)]))[:16]
+    file = cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
+    table = file.with_name(f"{subject}-{key}.csv")
+    if not (file.is_file() and table.is_file()):
+        raw, events = load_continuous(eeg, subject, settings)
+        with atomic_path(file) as temporary:
+            _cut(raw, events, settings).save(temporary, overwrite=True, verbose="error")
+        write_csv(table, events)
+    events = pd.read_csv(table, dtype={"subject": str, "session": str})
+    epochs = mne.read_epochs(file, verbose="error")
+    return epochs, events
+
+
+def _cut(raw, events, settings):
+    kept = events[events["status"] == "kept"].drop(columns="status").reset_index(drop=True)
+    n_times = round(settings.duration * raw.info["sfreq"])
+    data = raw.get_data()
+    windows = np.stack([data[:, first : first + n_times] for first in kept["sample"]])
+    return _epochs(windows, raw.info, 0.0, kept)
+
+
+def _epochs(data, info, tmin, metadata):
+    # Distinct first samples, which MNE demands; folders have no continuous time.
+    first = metadata["sample"] if "sample" in metadata else metadata["epoch"]
+    events = np.column_stack([first, np.zeros(len(data), int), metadata["label"] + 1]).astype(int)
+    return mne.EpochsArray(
+        data, info, events, tmin=tmin, event_id=EVENT_ID, metadata=metadata, proj=False,
+        verbose="error",
+    )  # fmt: skip
+
+
+def _folder_epochs(folder, subject, settings):
+    data, info, tmin, labels, sessions = recordings.read_folder_epochs(
+        folder, subject, settings.correct_event, settings.error_event
+    )
+    metadata = pd.DataFrame(
+        {"subject": subject, "session": sessions, "epoch": np.arange(len(data)), "label": labels}
+    )
+    epochs = _epochs(data, info, tmin, metadata)
+    band = {}
+    if info["highpass"] < settings.l_freq:
+        band["l_freq"] = settings.l_freq
+    if info["lowpass"] > settings.h_freq:
+        band["h_freq"] = settings.h_freq
+    for edge, frequency in band.items():
+        edges = {"l_freq": None, "h_freq": None, edge: frequency}
+        length = len(mne.filter.create_filter(None, info["sfreq"], **edges, verbose="error"))
+        if epochs.get_data(copy=False).shape[-1] >= 3 * length:
+            epochs.filter(**edges, picks=["eeg", "eog"], verbose="error")
+    if info["sfreq"] > settings.sfreq:
+        epochs.resample(settings.sfreq, verbose="error")
+    if settings.reference == "average":
+        epochs.set_eeg_reference("average", verbose="error")
+    return epochs
