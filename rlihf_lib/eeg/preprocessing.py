@@ -49,7 +49,7 @@ class Preprocessing:
             )
 
 
-def load_epochs(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
+def load_epochs(eeg, subject, settings=Preprocessing()):
     """Preprocessed epochs of one subject.
 
     Parameters
@@ -63,7 +63,7 @@ def load_epochs(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
     Returns
     -------
     mne.EpochsArray
-        EEG and EOG channels in volts; events ``correct`` and ``error``. The metadata has the columns
+        EEG and EOG channels in volts; events ``correct`` and ``error``. The metadata holds
         subject, session, epoch (index of the feedback within the subject's recording, counting the
         dropped ones, so that it stays the same whatever is dropped), label (0 correct, 1 error)
         and, for recordings, sample (of the onset) and block.
@@ -85,7 +85,7 @@ def load_epochs(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
     return _cached(eeg, subject, settings)[0]
 
 
-def load_events(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
+def load_events(eeg, subject, settings=Preprocessing()):
     """All feedback events of a simulated or ErrP-HRI subject, and what became of each.
 
     Parameters
@@ -104,7 +104,7 @@ def load_events(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
     return _cached(eeg, subject, settings)[1]
 
 
-def load_continuous(eeg, subject, settings=Preprocessing()):  # noqa: B008 - frozen
+def load_continuous(eeg, subject, settings=Preprocessing()):
     """Preprocessed continuous recording of a subject, to be replayed as a stream.
 
     Parameters

@@ -6,7 +6,7 @@ saccades, movement artefacts and amplifier noise.
 """
 
 import io
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 
 import numpy as np
