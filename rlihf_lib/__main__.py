@@ -1,0 +1,81 @@
+"""The command line: `python -m rlihf_lib`."""
+
+import argparse
+import logging
+import sys
+
+from rlihf_lib.regenerate import NotebookError, regenerate, select
+from rlihf_lib.status import print_status
+from rlihf_lib.study import PROFILES, Study
+
+
+def parser():
+    """Build the parser of the main command."""
+    result = argparse.ArgumentParser(
+        prog="python -m rlihf_lib",
+        description="From EEG recordings to every figure and table of the paper. What is done "
+        "already, shipped results included, is used; the rest is computed.",
+        epilog="`python -m rlihf_lib bench [--json FILE]` measures the speed of every part.",
+    )
+    result.add_argument("--profile", choices=PROFILES, default="quick", help="size (default quick)")
+    result.add_argument(
+        "--eeg",
+        default="simulated",
+        metavar="simulated|hri|PATH",
+        help="recordings: simulated (default), the paper's (downloads), or your folder of epochs",
+    )
+    result.add_argument(
+        "--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05"
+    )
+    result.add_argument(
+        "--workers", type=_count, default=0, metavar="N", help="processes (default: the cores)"
+    )
+    result.add_argument(
+        "--out", default="", metavar="DIR", help="where results/ and figures/ go (default: here)"
+    )
+    result.add_argument("--recompute", action="store_true", help="compute anew what is done")
+    result.add_argument(
+        "--list", action="store_true", help="what is done, missing, and how long the rest takes"
+    )
+    return result
+
+
+def main(argv=None):
+    """Run the command line; return the exit status."""
+    argv = sys.argv[1:] if argv is None else argv
+    if argv[:1] == ["bench"]:
+        from rlihf_lib import bench
+
+        return bench.main(argv[1:])
+    command = parser()
+    options = command.parse_args(argv)
+    try:
+        study = Study(options.profile, options.eeg, options.out)
+        steps = select([name for item in options.only for name in item.split(",")])
+    except ValueError as error:
+        command.error(str(error))
+    try:
+        if options.list:
+            print_status(study, options.workers)
+        else:
+            regenerate(study, steps, options.workers, options.recompute)
+            print(f"figures: {study.figures}\nresults: {study.results}")
+    except (NotebookError, OSError, ValueError) as error:
+        print(f"rlihf_lib: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # nbclient's unfinished tasks
+        print("\ninterrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _count(text):
+    value = int(text) if text.isdigit() else -1
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,182 @@
+"""The command line and the execution of notebooks: what users see, above all when it fails."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import nbformat
+import pytest
+
+from rlihf_lib.__main__ import main
+from rlihf_lib.regenerate import NotebookError, check_parameters, execute, select
+from rlihf_lib.status import status
+from rlihf_lib.study import Study
+
+
+@pytest.fixture
+def notebook(tmp_path):
+    """Write a notebook from sources of code cells; the first is its parameters cell."""
+
+    def write(*sources):
+        nb = nbformat.v4.new_notebook()
+        nb.metadata["kernelspec"] = {
+            "name": "python3",
+            "display_name": "Python 3",
+            "language": "python",
+        }
+        nb.cells = [nbformat.v4.new_code_cell(source) for source in sources]
+        nb.cells[0].metadata["tags"] = ["parameters"]
+        path = tmp_path / "toy.ipynb"
+        nbformat.write(nb, path)
+        return path
+
+    return write
+
+
+def test_help_is_short_and_starts_without_heavy_imports():
+    code = (
+        "import sys; from rlihf_lib.__main__ import parser; print(parser().format_help()); "
+        "assert not {'torch', 'mne', 'mujoco', 'distributed'} & set(sys.modules)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert len(result.stdout.splitlines()) <= 25
+    for option in ("--profile", "--eeg", "--only", "--workers", "--out", "--recompute", "--list"):
+        assert option in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--profile", "huge"], "'huge'"),
+        (["--eeg", "/no/such/folder"], "neither simulated nor hri nor a folder"),
+        (["--only", "07"], "there is no notebook '07'; choose from 01_dataset"),
+        (["--workers", "-1"], "'-1'"),
+        (["--wokers", "2"], "unrecognized arguments: --wokers"),
+    ],
+)
+def test_unknown_values_are_refused_by_name(arguments, message, capsys):
+    with pytest.raises(SystemExit) as error:
+        main([*arguments, "--list"])
+    assert error.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_an_output_folder_that_cannot_be_written_is_an_error_before_any_work(tmp_path, capsys):
+    (tmp_path / "file").write_text("a file, not a folder")
+    start = time.time()
+    assert main(["--profile", "smoke", "--out", str(tmp_path / "file")]) == 1
+    assert time.time() - start < 5
+    message = capsys.readouterr().err
+    assert str(tmp_path / "file") in message and "--out" in message
+    assert (tmp_path / "file").read_text() == "a file, not a folder"
+
+
+def test_only_accepts_numbers_and_names():
+    assert [step.title for step in select(["4", "03_policy_training"])] == [
+        "03_policy_training-sparse",
+        "03_policy_training-dense",
+        "03_policy_training-rlihf",
+        "04_metrics_tables",
+    ]
+    assert len(select([])) == 7
+
+
+def test_list_counts_runs_and_says_how_long_the_rest_takes(tmp_path, capsys):
+    study = Study("smoke", out=tmp_path)
+    rows = {row["stage"]: row for row in status(study, workers=2)}
+    assert rows["02_loso_decoder"]["missing"] == 3
+    assert rows["03_policy_training rlihf"]["missing"] == 1
+    assert rows["05_whf_ablation"]["missing"] == 3
+    assert rows["05_whf_ablation"]["seconds"] > 0
+    assert main(["--profile", "smoke", "--out", str(tmp_path), "--list"]) == 0
+    assert "everything takes about" in capsys.readouterr().out
+    assert not list(tmp_path.iterdir()), "--list must not create anything"
+
+
+def test_list_counts_runs_that_are_done(tmp_path):
+    study = Study("smoke", out=tmp_path)
+    (config,) = study.run_configs("dense")
+    folder = study.runs / config.run_id
+    folder.mkdir(parents=True)
+    (folder / "eval.csv").touch()
+    (folder / "config.json").write_text(f'{{"hash": "{config.hash}", "total_steps": 3000}}')
+    (folder / "provenance.json").write_text('{"wall_s": 30.0}')
+    rows = {row["stage"]: row for row in status(study, workers=1)}
+    assert (
+        rows["03_policy_training dense"]["done"],
+        rows["03_policy_training dense"]["missing"],
+    ) == (1, 0)
+    assert rows["03_policy_training sparse"]["seconds"] == pytest.approx(30.0)
+
+
+def test_an_unknown_parameter_is_an_error_not_a_warning(notebook, tmp_path):
+    path = notebook("profile = 'quick'", "open('ran', 'w')")
+    with pytest.raises(ValueError, match=r"toy.ipynb has no parameter 'profil'; it has profile"):
+        execute(path, tmp_path / "out.ipynb", {"profil": "smoke"}, tmp_path / ".progress.json")
+    assert not (tmp_path / "out.ipynb").exists()
+    check_parameters(path, {"profile": "smoke"})
+
+
+def test_an_error_names_notebook_cell_last_line_and_executed_copy(notebook, tmp_path):
+    path = notebook(
+        "n = 1", "m = n + 1", "value = f'no subject {m}'\nraise ValueError('x\\n' + value)"
+    )
+    output = tmp_path / "copies" / "toy.ipynb"
+    with pytest.raises(NotebookError) as error:
+        execute(path, output, {"n": 41}, tmp_path / ".progress.json")
+    message = str(error.value)
+    assert "toy.ipynb" in message and "In [4]" in message and "value = f'no subject {m}'" in message
+    assert "ValueError: no subject 42" in message and str(output) in message
+    assert "no subject 42" in output.read_text()
+
+
+def test_the_command_exits_1_on_an_error_in_a_notebook(notebook, tmp_path, monkeypatch, capsys):
+    cell = "\n".join(f"{name} = None" for name in ("profile", "eeg", "out", "workers", "recompute"))
+    notebook(cell, "1 / 0").rename(tmp_path / "04_metrics_tables.ipynb")
+    monkeypatch.setattr("rlihf_lib.regenerate.NOTEBOOKS", tmp_path)
+    assert main(["--profile", "smoke", "--only", "04", "--out", str(tmp_path / "out")]) == 1
+    message = capsys.readouterr().err
+    assert "04_metrics_tables.ipynb" in message and "ZeroDivisionError: division by zero" in message
+
+
+def test_piped_progress_is_a_line_now_and_then(notebook, tmp_path, capsys):
+    execute(notebook("n = 1", "n"), tmp_path / "out.ipynb", {"n": 2}, tmp_path / ".progress.json")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith("cell 0/3 started") and lines[-1].endswith("cell 3/3 finished")
+    assert not any("\r" in line for line in lines)
+
+
+def test_kill_9_of_the_command_takes_the_kernel_with_it(notebook, tmp_path):
+    path = notebook(
+        "n = 1", "import os, time\nopen('kernel.pid', 'w').write(str(os.getpid()))\ntime.sleep(60)"
+    )
+    code = (
+        "from pathlib import Path; from rlihf_lib.regenerate import execute; "
+        f"execute(Path({str(path)!r}), Path('out.ipynb'), {{}}, Path('.progress.json'))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.DEVNULL
+    )
+    pid_file = tmp_path / "kernel.pid"
+    deadline = time.time() + 60
+    while not (pid_file.exists() and pid_file.read_text()):
+        assert time.time() < deadline and process.poll() is None
+        time.sleep(0.1)
+    kernel = int(pid_file.read_text())
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    while _alive(kernel):
+        assert time.time() < deadline, "the kernel outlived the command"
+        time.sleep(0.2)
+
+
+def _alive(pid):
+    try:
+        os.kill(pid, 0)
+        with open(f"/proc/{pid}/stat") as stat:
+            return stat.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
