@@ -1,0 +1,111 @@
+"""A trained decoder: epochs in volts in, p(error) out; saved without pickles."""
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from rlihf_lib.eeg.calibration import probability
+from rlihf_lib.eeg.eegnet import Architecture, EEGNetBatch
+from rlihf_lib.eeg.signals import InputFormat
+from rlihf_lib.files import atomic_path
+
+
+class Decoder:
+    """An ensemble of EEGNets with one temperature.
+
+    Parameters
+    ----------
+    input_format : signals.InputFormat
+        Channels, sampling rate and window it was trained on.
+    networks : eegnet.EEGNetBatch
+    temperature : float
+    prior : float
+        Fraction of errors among the epochs of its training pool.
+    """
+
+    def __init__(self, input_format, networks, temperature=1.0, prior=0.5):
+        self.input_format = input_format
+        # Double precision costs nothing at this size, and makes p the same in any batch and chunk.
+        self.networks = networks.double().eval()
+        self.temperature = temperature
+        self.prior = prior
+
+    @torch.no_grad()
+    def log_odds(self, signals):
+        """Decode epochs.
+
+        Parameters
+        ----------
+        signals : ndarray, shape (n, n_channels, n_times)
+            Preprocessed, in volts, channels in the order of `input_format.channels`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Logit of error minus logit of correct, the mean over the networks.
+
+        Raises
+        ------
+        ValueError
+            If the shape does not fit or a value is not finite.
+        """
+        expected = (len(self.input_format.channels), self.input_format.n_times)
+        if signals.ndim != 3 or signals.shape[1:] != expected:
+            raise ValueError(
+                f"epochs of shape {signals.shape}; this decoder takes (n, {expected[0]} channels, "
+                f"{expected[1]} samples at {self.input_format.sfreq:g} Hz)"
+            )
+        if not np.isfinite(signals).all():
+            raise ValueError("NaN or infinity in the EEG; drop the epoch or repair the channel")
+        x = torch.from_numpy(self.input_format.condition(signals)).transpose(0, 1)[:, None]
+        logits = self.networks(x.expand(-1, self.networks.n_networks, -1, -1).contiguous())
+        return (logits[..., 1] - logits[..., 0]).mean(0).numpy()
+
+    def p_error(self, signals):
+        """Return calibrated p(error), Eq. (3), shape (n,); parameters as in `log_odds`."""
+        return probability(self.log_odds(signals), self.temperature)
+
+    def save(self, path):
+        """Write weights and everything needed to use them to a safetensors file, atomically."""
+        header = {
+            "input_format": json.dumps(asdict(self.input_format)),
+            "architecture": json.dumps(asdict(self.networks.architecture)),
+            "temperature": repr(self.temperature),
+            "prior": repr(self.prior),
+        }
+        # Trained in single precision, so nothing is lost.
+        tensors = {
+            name: value.float().contiguous() for name, value in self.networks.state_dict().items()
+        }
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(save(tensors, metadata=header))
+
+    @classmethod
+    def load(cls, path):
+        """Read a decoder.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged or not one of ours.
+        """
+        try:
+            with safe_open(path, framework="pt") as file:
+                header = file.metadata()
+                tensors = {name: file.get_tensor(name) for name in file.keys()}
+            layout = json.loads(header["input_format"])
+            layout["channels"] = tuple(layout["channels"])
+            architecture = Architecture(**json.loads(header["architecture"]))
+            networks = EEGNetBatch(architecture, range(len(tensors["dense_bias"])))
+            networks.load_state_dict(tensors)
+            temperature, prior = float(header["temperature"]), float(header["prior"])
+        except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
+            raise ValueError(
+                f"{path} is not a decoder of this library or is damaged ({error}); train it anew "
+                "with notebook 02 and --recompute"
+            ) from error
+        return cls(InputFormat(**layout), networks, temperature, prior)

@@ -1,0 +1,214 @@
+"""Training the networks of one fold, Eq. (2), on what its training pool hands out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+from torch.nn import functional as F
+
+from rlihf_lib.eeg.calibration import fit_temperature
+from rlihf_lib.eeg.decoder import Decoder
+from rlihf_lib.eeg.eegnet import EEGNetBatch, half_second_architecture
+from rlihf_lib.files import sha256
+
+
+@dataclass(frozen=True)
+class DecoderSettings:
+    """Everything that decides what a decoder learns, except the data."""
+
+    max_epochs: int = 100
+    """Passes over the training subjects at most."""
+    patience: int = 15
+    """Passes without a better validation loss after which a network stops."""
+    ensemble: int = 4
+    """Networks per fold, each with its own seed and validation subjects; their log-odds are
+    averaged."""
+    n_permutations: int = 1000
+    """Bootstrap resamples and label permutations behind intervals and chance levels."""
+    n_validation: int = 2
+    """Validation subjects of each network."""
+    window: tuple = (0.0, 1.0)
+    """Seconds after the feedback that are decoded, as far as the epochs reach. All components of
+    the error potential lie within."""
+    eog: bool = False
+    """Whether EOG channels are decoded too; only to check what they contribute."""
+    batch_size: int = 64
+    learning_rate: float = 1e-3
+    """Of Adam, as published."""
+    weight_decay: float = 0.0
+    dropout: float = 0.25
+    """Published value for decoding across subjects."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class FittedFold:
+    """What training a fold gives."""
+
+    decoder: Decoder
+    validation: pd.DataFrame
+    """network, subject, label, log_odds: every network on its own validation subjects."""
+    history: pd.DataFrame
+    """network, pass, training_loss, validation_loss."""
+
+
+def choose_device(device="auto"):
+    """Return a torch device: the one named, or with "auto" a GPU if there is one."""
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    return torch.device(device)
+
+
+def fit_fold(pool, input_format, settings, device="auto"):
+    """Train and calibrate the decoder of one fold.
+
+    Parameters
+    ----------
+    pool : splits.TrainingPool
+        Subject -> (conditioned epochs (n, n_channels, m), labels (n,)). The held-out subject is
+        not in it, so nothing here can depend on that subject.
+    input_format : signals.InputFormat
+        How the epochs were conditioned; the decoder conditions new ones in the same way.
+    settings : DecoderSettings
+    device : str
+
+    Returns
+    -------
+    FittedFold
+
+    Notes
+    -----
+    All networks of the fold are trained as one (`eegnet.EEGNetBatch`), by Adam on the
+    cross-entropy of unweighted classes, so that p(error) means the fraction of errors to expect.
+    Each network keeps the weights of the pass with the lowest loss on its validation subjects.
+    One temperature is then fitted to the log-odds that the networks give their own validation
+    subjects.
+    """
+    device = choose_device(device)
+    fold = pool.fold
+    x, y, rows = _concatenate(pool, device)
+    training, validation = (
+        [torch.cat([rows[s] for s in subjects]) for subjects in per_network]
+        for per_network in (
+            [fold.training(network) for network in range(len(fold.validation))],
+            fold.validation,
+        )
+    )
+    seeds = [
+        int(sha256(f"{settings.seed}/{fold.test}/{network}")[:8], 16)
+        for network in range(len(fold.validation))
+    ]
+    architecture = half_second_architecture(
+        x.shape[0], x.shape[2], input_format.network_sfreq, settings.dropout
+    )
+    networks = EEGNetBatch(architecture, seeds).to(device)
+    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
+        torch.manual_seed(seeds[0])  # dropout
+        history = _train(networks, x, y, training, validation, seeds, settings)
+    networks = networks.double().eval().cpu()
+    x, y = x.double().cpu(), y.cpu().numpy()
+    results = []
+    for network, subjects in enumerate(fold.validation):
+        for subject in subjects:
+            epochs = x[:, rows[subject].cpu()][:, None].expand(-1, len(seeds), -1, -1)
+            with torch.no_grad():
+                logits = networks(epochs.contiguous())[network]
+            results.append(
+                pd.DataFrame(
+                    {
+                        "network": network,
+                        "subject": subject,
+                        "label": y[rows[subject].cpu()],
+                        "log_odds": (logits[:, 1] - logits[:, 0]).numpy(),
+                    }
+                )
+            )
+    scored = pd.concat(results, ignore_index=True)
+    decoder = Decoder(
+        input_format=input_format,
+        networks=networks,
+        temperature=fit_temperature(scored["log_odds"].to_numpy(), scored["label"].to_numpy()),
+        prior=float(y.mean()),
+    )
+    return FittedFold(decoder, scored, history)
+
+
+def _concatenate(pool, device):
+    """Join the subjects: epochs (n_channels, n, m), labels (n,), and each subject's rows."""
+    rows, first = {}, 0
+    for subject, (_, labels) in pool.items():
+        rows[subject] = torch.arange(first, first + len(labels), device=device)
+        first += len(labels)
+    x = np.concatenate([signals for signals, _ in pool.values()]).transpose(1, 0, 2)
+    y = np.concatenate([labels for _, labels in pool.values()])
+    x = torch.from_numpy(np.ascontiguousarray(x, dtype=np.float32))
+    return x.to(device), torch.from_numpy(y).to(device), rows
+
+
+def _train(networks, x, y, training, validation, seeds, settings):
+    """Train in place; leave each network with its best weights; return the history."""
+    optimizer = torch.optim.Adam(
+        networks.parameters(),
+        lr=settings.learning_rate,
+        weight_decay=settings.weight_decay,
+        fused=True,
+    )
+    generators = [torch.Generator().manual_seed(seed) for seed in seeds]
+    with torch.no_grad():
+        means, seconds = networks.patch_moments(x.transpose(0, 1).contiguous())
+    shortest = min(len(rows) for rows in training)
+    batch = min(settings.batch_size, shortest)
+    best_loss = [np.inf] * len(seeds)
+    best_pass = [0] * len(seeds)
+    best_state = [None] * len(seeds)
+    history = []
+    for number in range(settings.max_epochs):
+        networks.train()
+        # As many batches for every network; the few epochs left over change from pass to pass.
+        order = torch.stack(
+            [
+                rows[torch.randperm(len(rows), generator=g)[: shortest // batch * batch]]
+                for rows, g in zip(training, generators, strict=True)
+            ]
+        ).view(len(seeds), -1, batch)
+        training_loss = 0.0
+        for step in range(order.shape[1]):
+            rows = order[:, step]
+            logits = networks(x[:, rows], (means[rows].mean(1), seconds[rows].mean(1)))
+            loss = _losses(logits, y[rows]).mean(1)
+            optimizer.zero_grad()
+            loss.sum().backward()
+            optimizer.step()
+            networks.constrain()
+            training_loss = training_loss + loss.detach() / order.shape[1]
+        losses = _validation_losses(networks, x, y, validation)
+        for network, loss in enumerate(losses):
+            history.append((network, number, float(training_loss[network]), loss))
+            if loss < best_loss[network]:
+                best_loss[network], best_pass[network] = loss, number
+                best_state[network] = {
+                    name: value.detach().clone()
+                    for name, value in networks.network_state(network).items()
+                }
+        if number - max(best_pass) >= settings.patience:
+            break
+    networks.load_network_states(best_state)
+    return pd.DataFrame(history, columns=["network", "pass", "training_loss", "validation_loss"])
+
+
+def _losses(logits, labels):
+    """Cross-entropy of every epoch, shape (n_networks, n)."""
+    return F.cross_entropy(logits.flatten(0, 1), labels.flatten(), reduction="none").view(
+        labels.shape
+    )
+
+
+@torch.no_grad()
+def _validation_losses(networks, x, y, validation):
+    """Mean loss of every network on its own validation subjects."""
+    networks.eval()
+    longest = max(len(rows) for rows in validation)
+    rows = torch.stack([F.pad(r[None], (0, longest - len(r)), "replicate")[0] for r in validation])
+    losses = _losses(networks(x[:, rows]), y[rows])
+    return [float(loss[: len(r)].mean()) for loss, r in zip(losses, validation, strict=True)]

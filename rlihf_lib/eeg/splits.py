@@ -1,0 +1,143 @@
+"""Leave one subject out: who trains, who validates, who is held out, and nothing in between."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+class LeakageError(KeyError):
+    """Something asked for the data of a subject it must not see."""
+
+    def __str__(self):
+        return self.args[0]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One held-out subject, and for every network the subjects that train and validate it.
+
+    Parameters
+    ----------
+    test : str
+        Held-out subject.
+    pool : tuple of str
+        Everybody else.
+    validation : tuple of tuple of str
+        For every network the subjects of the pool that decide when its training stops. The rest
+        of the pool trains it.
+
+    Raises
+    ------
+    ValueError
+        If the held-out subject is in the pool, a subject is there twice, a validation subject is
+        not in the pool, or a network is left without validation or training subjects.
+    """
+
+    test: str
+    pool: tuple
+    validation: tuple
+
+    def __post_init__(self):
+        if self.test in self.pool:
+            raise ValueError(f"the held-out subject {self.test} is in its own training pool")
+        if len(set(self.pool)) < len(self.pool):
+            raise ValueError(f"a subject is twice in the training pool {', '.join(self.pool)}")
+        if not self.validation:
+            raise ValueError("a fold needs at least one network")
+        for subjects in self.validation:
+            strangers = set(subjects) - set(self.pool)
+            if strangers:
+                raise ValueError(
+                    f"validation subject(s) {', '.join(sorted(strangers))} are not in the pool"
+                )
+            if not subjects or set(subjects) == set(self.pool):
+                raise ValueError("every network needs a validation and a training subject")
+
+    def training(self, network):
+        """Return the subjects that train network number `network`."""
+        return tuple(s for s in self.pool if s not in self.validation[network])
+
+    def training_pool(self, data):
+        """Hand out the data of the pool; asking it for anyone else raises.
+
+        Parameters
+        ----------
+        data : Mapping
+            Subject -> data, of all subjects.
+
+        Returns
+        -------
+        TrainingPool
+        """
+        return TrainingPool(self, data)
+
+
+class TrainingPool(Mapping):
+    """The data of a fold's pool, the only thing that whatever is fitted gets to see.
+
+    Raises
+    ------
+    LeakageError
+        On the held-out subject, and on anyone else outside the pool.
+    """
+
+    def __init__(self, fold, data):
+        self.fold = fold
+        # A copy of the references: the data of the held-out subject are not even reachable.
+        self._data = {subject: data[subject] for subject in fold.pool}
+
+    def __getitem__(self, subject):
+        if subject not in self._data:
+            raise LeakageError(
+                f"subject {subject!r} is not in the training pool of the fold that holds out "
+                f"{self.fold.test!r}; fit on {', '.join(self.fold.pool)} only"
+            )
+        return self._data[subject]
+
+    def __contains__(self, subject):
+        return subject in self._data
+
+    def __iter__(self):
+        return iter(self._data)
+
+    def __len__(self):
+        return len(self._data)
+
+
+def leave_one_subject_out(subjects, n_networks=1, n_validation=2):
+    """Make one fold per subject.
+
+    Parameters
+    ----------
+    subjects : sequence of str
+        In a fixed order: it decides who validates.
+    n_networks : int
+        Networks per fold. Their validation subjects go round the pool, so that the networks
+        together learn from all of it.
+    n_validation : int
+        Validation subjects of a network; fewer where the pool is small.
+
+    Returns
+    -------
+    list of Fold
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three subjects: one each to train, validate and test.
+    """
+    subjects = tuple(subjects)
+    if len(subjects) < 3:
+        raise ValueError(
+            f"{len(subjects)} subject(s) ({', '.join(subjects)}): leave-one-subject-out needs at "
+            "least three, one each to train, validate and test"
+        )
+    folds = []
+    for position, test in enumerate(subjects):
+        pool = subjects[position + 1 :] + subjects[:position]
+        size = min(n_validation, len(pool) - 1)
+        validation = tuple(
+            tuple(pool[(network * size + i) % len(pool)] for i in range(size))
+            for network in range(n_networks)
+        )
+        folds.append(Fold(test, pool, validation))
+    return folds
