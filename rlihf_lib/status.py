@@ -113,7 +113,7 @@ def _seconds_per_step(study):
     """Mean over the study's finished runs; a default before there are any."""
     seconds, steps = 0.0, 0
     for path in study.runs.glob("*/provenance.json"):
-        wall = json.loads(path.read_text(encoding="utf-8")).get("wall_s")
+        wall = json.loads(path.read_text(encoding="utf-8")).get("wall_seconds")
         config = path.with_name("config.json")
         if wall and config.is_file():
             seconds += wall

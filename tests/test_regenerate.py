@@ -103,7 +103,7 @@ def test_list_counts_runs_that_are_done(tmp_path):
     folder.mkdir(parents=True)
     (folder / "eval.csv").touch()
     (folder / "config.json").write_text(f'{{"hash": "{config.hash}", "total_steps": 3000}}')
-    (folder / "provenance.json").write_text('{"wall_s": 30.0}')
+    (folder / "provenance.json").write_text('{"wall_seconds": 30.0}')
     rows = {row["stage"]: row for row in status(study, workers=1)}
     assert (
         rows["03_policy_training dense"]["done"],

@@ -1,0 +1,49 @@
+"""The paper's numbers, in one place, so that ours are always shown beside them.
+
+S. Kim, H.-B. Shin and S.-W. Lee, "Aligning Humans and Robots via Reinforcement Learning from
+Implicit Human Feedback".
+"""
+
+import pandas as pd
+
+PHASES = ("Early", "Mid", "Late")
+CONDITIONS = ("sparse", "dense", "rlihf")
+METRICS = ("success", "path_efficiency", "path_deviation")
+
+# Table I: mean and standard deviation; path deviation without a unit, presumably metres.
+_TABLE_I = {
+    "Early": {
+        "sparse": ((0.00, 0.00), (0.36, 0.20), (0.74, 0.26)),
+        "dense": ((0.06, 0.18), (0.60, 0.31), (0.50, 0.32)),
+        "rlihf": ((0.02, 0.12), (0.59, 0.29), (0.48, 0.20)),
+    },
+    "Mid": {
+        "sparse": ((0.01, 0.05), (0.48, 0.28), (0.53, 0.21)),
+        "dense": ((0.25, 0.41), (0.71, 0.27), (0.40, 0.14)),
+        "rlihf": ((0.17, 0.30), (0.57, 0.23), (0.45, 0.19)),
+    },
+    "Late": {
+        "sparse": ((0.00, 0.00), (0.60, 0.29), (0.52, 0.17)),
+        "dense": ((0.54, 0.45), (0.74, 0.24), (0.43, 0.07)),
+        "rlihf": ((0.39, 0.39), (0.59, 0.21), (0.45, 0.10)),
+    },
+}
+
+
+def table_1():
+    """Return Table I of the paper.
+
+    Returns
+    -------
+    DataFrame
+        Columns phase, condition, metric, paper_mean, paper_sd; 27 rows.
+    """
+    return pd.DataFrame(
+        [
+            (phase, condition, metric, *values)
+            for phase, conditions in _TABLE_I.items()
+            for condition, cells in conditions.items()
+            for metric, values in zip(METRICS, cells, strict=True)
+        ],
+        columns=["phase", "condition", "metric", "paper_mean", "paper_sd"],
+    )

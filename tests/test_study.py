@@ -1,0 +1,79 @@
+"""What a study is made of."""
+
+import pandas as pd
+import pytest
+
+from rlihf_lib.study import PROFILES, Study, p_error_sha256
+
+
+def write_decoder(study, aurocs):
+    study.decoder.mkdir(parents=True, exist_ok=True)
+    subjects = [f"s{i + 2:02d}" for i in range(len(aurocs))]
+    pd.DataFrame({"subject": subjects, "auroc": aurocs}).to_csv(
+        study.decoder / "scores.csv", index=False
+    )
+    pd.DataFrame({"subject": subjects, "epoch": 0, "label": 1, "p_error": 0.5}).to_csv(
+        study.decoder / "p_error.csv", index=False
+    )
+
+
+def test_unknown_profiles_and_sources_are_named_with_the_choices(tmp_path):
+    with pytest.raises(ValueError, match="'tiny'; choose one of smoke, quick, paper"):
+        Study("tiny")
+    with pytest.raises(ValueError, match="neither simulated nor hri nor a folder"):
+        Study("smoke", tmp_path / "nothing")
+    (tmp_path / "hri").mkdir()
+    with pytest.raises(ValueError, match="rename the folder"):
+        Study("smoke", tmp_path / "hri")
+
+
+def test_folders_follow_profile_and_source(tmp_path):
+    (tmp_path / "mydata").mkdir()
+    study = Study("quick", tmp_path / "mydata", tmp_path)
+    assert study.name == "quick-mydata"
+    assert study.runs == tmp_path / "results" / "quick-mydata" / "runs"
+    assert not study.results.exists(), "nothing is created before it is written to"
+
+
+def test_policy_subjects_are_the_weakest_the_median_and_the_strongest_decoder(tmp_path):
+    study = Study("quick", out=tmp_path)
+    write_decoder(study, [0.9, 0.7, 0.8, 0.95, 0.6])
+    assert study.policy_subjects() == ["s04", "s05", "s06"]
+    assert len(study.run_configs("rlihf")) == 6
+    ablation = study.run_configs("ablation")
+    assert len(ablation) == 18
+    assert set(study.run_configs("rlihf")) <= set(ablation), "the main weight's runs are shared"
+
+
+def test_the_paper_profile_is_the_papers_protocol():
+    profile = PROFILES["paper"]
+    assert (profile.total_steps, profile.horizon, profile.eval_rollouts) == (150_000, 1000, 5)
+    assert len(profile.seeds) == 5 and profile.weights == (0.1, 0.4, 0.7)
+
+
+def test_changed_feedback_changes_the_run(tmp_path):
+    study = Study("smoke", out=tmp_path)
+    write_decoder(study, [0.9, 0.7, 0.8])
+    (before,) = study.run_configs("rlihf")
+    table = study.p_error()
+    table.loc[table["subject"] == before.subject, "p_error"] = 0.25
+    table.to_csv(study.decoder / "p_error.csv", index=False)
+    (after,) = study.run_configs("rlihf")
+    assert before.run_id == after.run_id and before.hash != after.hash
+    with pytest.raises(ValueError, match="no epochs of subject 's99'"):
+        p_error_sha256(table, "s99")
+
+
+def test_a_table_with_an_impossible_probability_is_refused(tmp_path):
+    study = Study("smoke", out=tmp_path)
+    write_decoder(study, [0.9, 0.7, 0.8])
+    path = study.decoder / "p_error.csv"
+    path.write_text(path.read_text().replace("0.5", "1.5", 1))
+    with pytest.raises(ValueError, match=r"p_error.csv, line 2: p_error is 1.5"):
+        study.p_error()
+    path.write_text("subject,epoch\ns02,0\n")
+    with pytest.raises(ValueError, match="lacks the column"):
+        study.p_error()
+    path.unlink()
+    with pytest.raises(FileNotFoundError, match="run notebook 02"):
+        study.run_configs("rlihf")
