@@ -1,0 +1,191 @@
+"""The ErrP-HRI download, against a local server that serves files as the repository lays them out."""
+
+import contextlib
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from rlihf_lib.eeg import hri
+
+CONTENT = {
+    "cursor/s02_cursor.fdt": bytes(range(256)) * 1000,
+    "cursor/s02_cursor.set": b"MATLAB 5.0 MAT-file" * 50,
+    "robot/s12_cursor.fdt": b"\1\2\3\4" * 500,
+    "robot/s12_cursor.set": b"MATLAB 5.0 MAT-file, s12" * 20,
+}
+
+
+class Server:
+    """Serves `files`; cuts the connection after `cut[path]` bytes, once."""
+
+    def __init__(self):
+        self.files, self.cut, self.requests, self.ranges = dict(CONTENT), {}, [], True
+
+
+@pytest.fixture
+def server(monkeypatch, tmp_path):
+    state = Server()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            path = self.path.lstrip("/")
+            wanted = self.headers.get("Range")
+            state.requests.append((path, wanted))
+            if path not in state.files:
+                self.send_error(404)
+                return
+            content = state.files[path]
+            start = int(wanted[len("bytes=") : -1]) if wanted and state.ranges else 0
+            if start and start >= len(content):
+                self.send_error(416)
+                return
+            self.send_response(206 if start else 200)
+            self.send_header("Content-Length", str(len(content) - start))
+            self.end_headers()
+            stop = state.cut.pop(path, len(content))
+            with contextlib.suppress(OSError):
+                self.wfile.write(content[start:stop])
+
+        def log_message(self, *arguments):
+            pass
+
+    web = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=web.serve_forever, daemon=True).start()
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("RLIHF_HRI_URL", f"http://127.0.0.1:{web.server_port}")
+    yield state
+    web.shutdown()
+    web.server_close()
+
+
+@pytest.fixture
+def blobs(tmp_path):
+    ids = {}
+    for path, content in CONTENT.items():
+        file = tmp_path / "file"
+        file.write_bytes(content)
+        ids[path] = hri.git_blob_id(file)
+    return ids
+
+
+def folder(tmp_path):
+    return tmp_path / "cache" / "errp-hri"
+
+
+def test_git_blob_id_is_what_git_computes(tmp_path):
+    file = tmp_path / "hello"
+    file.write_bytes(b"hello\n")
+    # printf 'hello\n' | git hash-object --stdin
+    assert hri.git_blob_id(file) == "ce013625030ba8dba906f756967f9e9ca394464a"
+
+
+def test_the_package_knows_every_recording_of_both_scenarios():
+    blobs = hri.blob_ids()
+    recordings = [path for path in blobs if path.endswith((".set", ".fdt"))]
+    assert len(recordings) == 48
+    assert "robot/s12_cursor.set" in blobs
+    assert all(len(blob) == 40 for blob in blobs.values())
+
+
+def test_both_files_arrive_whole_and_are_not_fetched_again(server, blobs, tmp_path):
+    path = hri.recording("s02", blobs=blobs)
+    assert path == folder(tmp_path) / "cursor" / "s02_cursor.set"
+    assert path.read_bytes() == CONTENT["cursor/s02_cursor.set"]
+    assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
+    assert len(server.requests) == 2
+    assert hri.recording("s02", blobs=blobs) == path
+    assert len(server.requests) == 2
+
+
+def test_s12_is_found_in_the_folder_robot(server, blobs, tmp_path):
+    assert hri.recording("s12", blobs=blobs) == folder(tmp_path) / "robot" / "s12_cursor.set"
+
+
+def test_an_interrupted_transfer_resumes_where_it_stopped(server, blobs, tmp_path):
+    server.cut["cursor/s02_cursor.fdt"] = 100_000
+    path = hri.recording("s02", blobs=blobs)
+    assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
+    first, second, _ = server.requests
+    assert first == ("cursor/s02_cursor.fdt", None)
+    resumed_at = int(second[1][len("bytes=") : -1])
+    assert 0 < resumed_at <= 100_000
+    assert not list(folder(tmp_path).rglob("*.partial"))
+
+
+def test_a_later_call_resumes_what_an_earlier_one_left(server, blobs, tmp_path):
+    partial = folder(tmp_path) / "cursor" / "s02_cursor.fdt.partial"
+    partial.parent.mkdir(parents=True)
+    partial.write_bytes(CONTENT["cursor/s02_cursor.fdt"][:1234])
+    hri.recording("s02", blobs=blobs)
+    assert server.requests[0] == ("cursor/s02_cursor.fdt", "bytes=1234-")
+
+
+def test_a_complete_partial_file_is_taken(server, blobs, tmp_path):
+    partial = folder(tmp_path) / "cursor" / "s02_cursor.fdt.partial"
+    partial.parent.mkdir(parents=True)
+    partial.write_bytes(CONTENT["cursor/s02_cursor.fdt"])
+    path = hri.recording("s02", blobs=blobs)
+    assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
+
+
+def test_a_server_without_ranges_is_asked_again_from_the_start(server, blobs, tmp_path):
+    server.ranges = False
+    partial = folder(tmp_path) / "cursor" / "s02_cursor.fdt.partial"
+    partial.parent.mkdir(parents=True)
+    partial.write_bytes(CONTENT["cursor/s02_cursor.fdt"][:1234])
+    path = hri.recording("s02", blobs=blobs)
+    assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
+
+
+@pytest.mark.parametrize(
+    "arrived, said",
+    [
+        (CONTENT["cursor/s02_cursor.fdt"][:-1], "255999 bytes"),
+        (b"x" + CONTENT["cursor/s02_cursor.fdt"][1:], "not the published file"),
+        (b"<!DOCTYPE html><html>Please log in</html>", "web page"),
+    ],
+    ids=["truncated", "wrong", "web page with status 200"],
+)
+def test_what_is_not_the_published_file_is_refused(server, blobs, tmp_path, arrived, said):
+    server.files["cursor/s02_cursor.fdt"] = arrived
+    with pytest.raises(ValueError, match=said) as refused:
+        hri.recording("s02", blobs=blobs)
+    assert "s02_cursor.fdt" in str(refused.value)
+    assert not list(folder(tmp_path).rglob("*.*"))
+
+
+def test_a_wrong_file_placed_by_hand_is_refused_and_kept(server, blobs, tmp_path):
+    placed = folder(tmp_path) / "cursor" / "s02_cursor.fdt"
+    placed.parent.mkdir(parents=True)
+    placed.write_bytes(b"something else")
+    with pytest.raises(ValueError, match="delete it"):
+        hri.recording("s02", blobs=blobs)
+    assert placed.read_bytes() == b"something else"
+
+
+def test_files_placed_by_hand_need_no_network(blobs, tmp_path, monkeypatch):
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    for path, content in CONTENT.items():
+        file = folder(tmp_path) / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+    assert hri.recording("s12", url="http://127.0.0.1:9", blobs=blobs).is_file()
+
+
+def test_without_network_the_error_says_what_to_place_where(blobs, tmp_path, monkeypatch):
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    with pytest.raises(OSError, match="place s02_cursor.fdt") as problem:
+        hri.recording("s02", url="http://127.0.0.1:9", blobs=blobs)
+    assert str(folder(tmp_path) / "cursor" / "s02_cursor.fdt") in str(problem.value)
+
+
+def test_a_missing_file_on_the_server_is_named(server, blobs):
+    del server.files["cursor/s02_cursor.set"]
+    with pytest.raises(OSError, match="404"):
+        hri.recording("s02", blobs=blobs)
+
+
+def test_an_unknown_subject_is_named():
+    with pytest.raises(ValueError, match="'s99'.*s02, s03"):
+        hri.recording("s99")
