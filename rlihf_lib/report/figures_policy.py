@@ -1,15 +1,15 @@
 """Figures of the policies: Fig. 4, Fig. 6 and what the paper leaves out (success, safety).
 
-Each function takes the table of `tables.load_runs`, draws, and returns axes or a figure.
+Each function takes the table of `evaluations.load_runs`, draws, and returns axes or a figure.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 from rlihf_lib.report import paper
+from rlihf_lib.report.evaluations import add_phase
 from rlihf_lib.report.statistics import bootstrap_interval
 from rlihf_lib.report.style import COLORS, COLUMN_WIDTH, LABELS, PAGE_WIDTH, note
-from rlihf_lib.report.tables import add_phase
 
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
@@ -159,6 +159,38 @@ def figure_6(runs, weights, total_steps, metric="return", ax=None):
     return ax
 
 
+def training_figure(runs, training, condition, total_steps, caption=""):
+    """How one condition learns: its own reward while training, then the evaluation.
+
+    Parameters
+    ----------
+    runs, training : DataFrame
+        From `evaluations.load_runs` and `evaluations.load_training`, of this condition.
+    condition : {"sparse", "dense", "rlihf"}
+    total_steps : int
+    caption : str
+
+    Returns
+    -------
+    matplotlib Figure
+    """
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.0))
+    for _, episodes in training.groupby("run"):
+        axes[0].plot(
+            episodes["step"] / 1000, episodes["return"], color=COLORS[condition], alpha=0.5, lw=0.8
+        )
+    axes[0].set_ylabel(f"Training return ({LABELS[condition]})")
+    for ax, metric in zip(axes[1:], ("return", "success"), strict=True):
+        condition_curve(runs, ax, condition, metric)
+        ax.set_ylabel(AXIS_LABELS[metric])
+    axes[2].set_ylim(-0.03, 1.03)
+    for ax in axes:
+        mark_phases(ax, total_steps)
+        ax.set_xlabel("Training steps (thousands)")
+    note(fig, caption)
+    return fig
+
+
 def success_figure(runs, total_steps, caption=""):
     """Success rate and path efficiency of the three conditions against training steps.
 
@@ -207,7 +239,7 @@ def safety_figure(runs, total_steps, caption=""):
     return fig
 
 
-def decoder_policy_figure(table, ax=None):
+def decoder_policy_figure(table, ax=None, caption=""):
     """Does a better decoder give a better policy? Late success against AUROC, a point a subject.
 
     Parameters
@@ -215,6 +247,7 @@ def decoder_policy_figure(table, ax=None):
     table : DataFrame
         From `tables.subject_table`.
     ax : matplotlib Axes, optional
+    caption : str
 
     Returns
     -------
@@ -232,4 +265,5 @@ def decoder_policy_figure(table, ax=None):
     ax.set(xlabel="AUROC of the held-out subject", ylabel="Success rate, late phase")
     ax.set(ylim=(-0.05, 1.05))
     ax.legend(loc="best")
+    note(ax.figure, caption)
     return ax

@@ -1,86 +1,18 @@
 """Tables: Table I and its companions, from the runs' `eval.csv`."""
 
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 
+from rlihf_lib.files import write_csv, write_text
 from rlihf_lib.report import paper
+from rlihf_lib.report.evaluations import EVAL_COLUMNS, add_phase
 from rlihf_lib.report.statistics import bootstrap_interval, iqm, paired_test
+from rlihf_lib.report.style import caption
 
-EVAL_COLUMNS = (
-    "step",
-    "rollout",
-    "return",
-    "success",
-    "path_efficiency",
-    "path_deviation",
-    "collisions",
-    "min_clearance",
-)
 METRICS = EVAL_COLUMNS[2:]
 METHODS = {"sparse": "RL sparse", "dense": "RL dense", "rlihf": "RLIHF"}
-
-
-def load_runs(study, stages=("sparse", "dense", "rlihf")):
-    """Read the evaluations of a study's finished runs.
-
-    Parameters
-    ----------
-    study : Study
-    stages : sequence of str
-        Stages of `study.run_configs`.
-
-    Returns
-    -------
-    DataFrame
-        The columns of `eval.csv` after run, condition, subject, w_hf, seed.
-
-    Raises
-    ------
-    FileNotFoundError
-        If a run is missing.
-    ValueError
-        If a table lacks a column or holds a number that is none.
-    """
-    from rlihf_lib.rl.sweep import is_done  # imports Dask, so only when asked
-
-    configs = dict.fromkeys(config for stage in stages for config in study.run_configs(stage))
-    frames = []
-    for config in configs:
-        path = study.runs / config.run_id / "eval.csv"
-        if not is_done(config, study.runs):
-            raise FileNotFoundError(
-                f"{path.parent} is missing or made from another config; "
-                "train it with notebook 03_policy_training or 05_whf_ablation (--only 03 05)"
-            )
-        frame = pd.read_csv(path, float_precision="round_trip")
-        missing = [column for column in EVAL_COLUMNS if column not in frame.columns]
-        if missing:
-            raise ValueError(f"{path} lacks the column(s) {', '.join(missing)}; delete the run")
-        broken = frame["return"].isna() | frame["success"].isna()
-        if broken.any():
-            line = frame.index[broken][0] + 2
-            raise ValueError(f"{path}, line {line}: return or success is empty; delete the run")
-        frame.insert(0, "run", config.run_id)
-        frame.insert(1, "condition", config.condition)
-        frame.insert(2, "subject", config.subject)
-        frame.insert(3, "w_hf", config.w_hf)
-        frame.insert(4, "seed", config.seed)
-        frames.append(frame)
-    return pd.concat(frames, ignore_index=True)
-
-
-def add_phase(runs, total_steps):
-    """Add the column phase: Early, Mid, Late are the thirds of training, as in the paper.
-
-    Parameters
-    ----------
-    runs : DataFrame
-        With the column step.
-    total_steps : int
-        Environment steps of training; the paper's thirds end at 50k, 100k and 150k.
-    """
-    third = np.ceil(3 * runs["step"] / total_steps).clip(1, 3).astype(int) - 1
-    return runs.assign(phase=pd.Categorical.from_codes(third, paper.PHASES, ordered=True))
 
 
 def summarise(runs, by, metrics=METRICS):
@@ -89,7 +21,7 @@ def summarise(runs, by, metrics=METRICS):
     Parameters
     ----------
     runs : DataFrame
-        From `load_runs`.
+        From `evaluations.load_runs`.
     by : list of str
         Columns that name a group, such as ["phase", "condition"].
     metrics : sequence of str
@@ -184,6 +116,25 @@ def weight_table(runs, total_steps):
     return summarise(late, ["condition", "w_hf"])
 
 
+def weight_comparison(runs, total_steps, metrics=("return", "success")):
+    """Compare every two weights in the late phase, paired by subject and seed.
+
+    Returns
+    -------
+    DataFrame
+        Columns metric, comparison, difference (larger minus smaller weight), p (paired
+        permutation test), n_pairs.
+    """
+    late = add_phase(runs, total_steps).query("phase == 'Late' and condition == 'rlihf'")
+    scores = late.groupby(["subject", "seed", "w_hf"])[list(metrics)].mean().unstack("w_hf")
+    rows = []
+    for metric in metrics:
+        for small, large in combinations(scores[metric].columns, 2):
+            difference, p = paired_test(scores[metric][large], scores[metric][small])
+            rows.append((metric, f"{large:g} - {small:g}", difference, p, len(scores)))
+    return pd.DataFrame(rows, columns=["metric", "comparison", "difference", "p", "n_pairs"])
+
+
 def show_summary(table, by, metrics):
     """Lay rows of `summarise` out with one column per metric.
 
@@ -262,3 +213,29 @@ def comparison_table(runs, total_steps):
             difference, p = paired_test(pairs[metric], pairs[f"{metric}_other"])
             rows.append((metric, f"RLIHF - {METHODS[other]}", difference, p, len(pairs)))
     return pd.DataFrame(rows, columns=["metric", "comparison", "difference", "p", "n_pairs"])
+
+
+def save_table(study, name, table, shown=None):
+    """Write a table as `tables/<name>.csv` and, as people read it, `tables/<name>.md`.
+
+    Parameters
+    ----------
+    study : Study
+    name : str
+    table : DataFrame
+        All numbers, in full precision.
+    shown : DataFrame, optional
+        What the Markdown shows; `table` if None.
+
+    Returns
+    -------
+    DataFrame
+        What was shown.
+    """
+    shown = table if shown is None else shown
+    write_csv(study.tables / f"{name}.csv", table)
+    rows = [shown.columns, ["---"] * len(shown.columns), *shown.itertuples(index=False)]
+    lines = ["| " + " | ".join(map(str, row)) + " |" for row in rows]
+    header = f"{caption(study)}; mean ± sd over evaluation points [95 % bootstrap interval]"
+    write_text(study.tables / f"{name}.md", "\n".join([header, "", *lines, ""]))
+    return shown

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from rlihf_lib.report import figures_policy, paper, tables
+from rlihf_lib.report.evaluations import add_phase, load_runs
 from rlihf_lib.report.style import save_figure
 from rlihf_lib.study import Study
 
@@ -50,14 +51,12 @@ def study(tmp_path):
 
 def test_phases_are_the_thirds_of_training():
     steps = pd.DataFrame({"step": [0, 1, 50_000, 50_001, 100_000, 100_001, 150_000]})
-    phases = tables.add_phase(steps, 150_000)["phase"].astype(str).tolist()
+    phases = add_phase(steps, 150_000)["phase"].astype(str).tolist()
     assert phases == ["Early", "Early", "Early", "Mid", "Mid", "Late", "Late"]
 
 
 def test_table_1_holds_our_means_beside_the_papers(study):
-    table = tables.table_1(tables.load_runs(study), 3000).set_index(
-        ["phase", "condition", "metric"]
-    )
+    table = tables.table_1(load_runs(study), 3000).set_index(["phase", "condition", "metric"])
     assert len(table) == 27
     assert table.loc[("Late", "dense", "success"), "mean"] == 1.0
     assert table.loc[("Late", "rlihf", "success"), "mean"] == 0.5
@@ -75,7 +74,7 @@ def test_a_missing_or_foreign_run_is_named(study):
     folder = study.runs / config.run_id
     (folder / "config.json").write_text(json.dumps({"hash": "another"}))
     with pytest.raises(FileNotFoundError, match=r"dense-seed0 is missing .* another config"):
-        tables.load_runs(study)
+        load_runs(study)
 
 
 def test_a_run_with_an_empty_number_is_named_with_its_line(study):
@@ -84,7 +83,7 @@ def test_a_run_with_an_empty_number_is_named_with_its_line(study):
     frame.loc[3, "return"] = np.nan
     frame.to_csv(path, index=False)
     with pytest.raises(ValueError, match=r"sparse-seed0/eval.csv, line 5"):
-        tables.load_runs(study)
+        load_runs(study)
 
 
 def test_the_policy_subject_of_smoke_is_the_median_decoder(study):
@@ -93,11 +92,11 @@ def test_the_policy_subject_of_smoke_is_the_median_decoder(study):
 
 
 def test_companion_tables(study):
-    runs = tables.load_runs(study, ("sparse", "dense", "ablation"))
+    runs = load_runs(study, ("sparse", "dense", "ablation"))
     weights = tables.weight_table(runs, 3000).query("metric == 'return'")
     assert sorted(weights["w_hf"]) == [0.0, 0.0, 0.1, 0.4, 0.7]
     assert set(weights["mean"]) == {30.0}
-    main = tables.load_runs(study)
+    main = load_runs(study)
     scores = pd.read_csv(study.decoder / "scores.csv")
     by_subject = tables.subject_table(main, scores, 3000)
     assert by_subject["subject"].tolist() == ["s04"]
@@ -108,7 +107,7 @@ def test_companion_tables(study):
 
 
 def test_figure_4_has_a_panel_per_subject_and_says_where_nothing_was_run(study):
-    runs = tables.load_runs(study)
+    runs = load_runs(study)
     fig = figures_policy.figure_4(runs, ["s02", "s03", "s04"], 3000)
     panels = {ax.get_title(): ax for ax in fig.axes}
     assert set(panels) == {"s02", "s03", "s04"}
@@ -120,7 +119,7 @@ def test_figure_4_has_a_panel_per_subject_and_says_where_nothing_was_run(study):
 
 
 def test_figure_6_draws_every_weight_and_the_baselines(study):
-    runs = tables.load_runs(study, ("sparse", "dense", "ablation"))
+    runs = load_runs(study, ("sparse", "dense", "ablation"))
     ax = figures_policy.figure_6(runs, study.profile.weights, 3000)
     labels = [text for text in ax.get_legend_handles_labels()[1]]
     assert labels[:2] == ["RL sparse", "RL dense"] and len(labels) == 5
@@ -128,7 +127,7 @@ def test_figure_6_draws_every_weight_and_the_baselines(study):
 
 
 def test_saved_figures_say_what_they_were_drawn_from(study):
-    fig = figures_policy.safety_figure(tables.load_runs(study), 3000)
+    fig = figures_policy.safety_figure(load_runs(study), 3000)
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
     before = (study.figures / "safety.pdf").read_bytes()
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
