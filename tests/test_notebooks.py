@@ -1,0 +1,131 @@
+"""The notebooks as they are committed, and one smoke run of all of them from nothing."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+
+import nbformat
+import pandas as pd
+import pytest
+
+from rlihf_lib.files import sha256
+from rlihf_lib.regenerate import NOTEBOOKS, STEPS
+from rlihf_lib.rl.sweep import is_done
+from rlihf_lib.study import Study
+
+NAMES = list(dict.fromkeys(step.notebook for step in STEPS))
+PARAMETERS = {
+    "profile": "quick",
+    "eeg": "simulated",
+    "out": "",
+    "workers": 0,
+    "recompute": False,
+}
+
+
+def read(name):
+    return nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_notebooks_are_committed_without_outputs(name):
+    nb = read(name)
+    nbformat.validate(nb)
+    assert (nb.nbformat, nb.nbformat_minor) == (4, 5)
+    for cell in nb.cells:
+        assert cell.get("id")
+        if cell.cell_type == "code":
+            assert cell.outputs == [] and cell.execution_count is None, cell.source
+        assert "papermill" not in cell.metadata
+    assert "papermill" not in nb.metadata
+
+
+def test_only_the_five_notebooks_are_committed():
+    assert sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_notebook_has_one_parameters_cell_with_the_common_literals(name):
+    tagged = [c for c in read(name).cells if "parameters" in c.metadata.get("tags", [])]
+    assert len(tagged) == 1
+    assignments = ast.parse(tagged[0].source).body
+    values = {node.targets[0].id: ast.literal_eval(node.value) for node in assignments}
+    assert values.pop("condition", None) == ("rlihf" if name.startswith("03") else None)
+    assert values == PARAMETERS
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_notebook_opens_with_the_paper_and_ends_with_its_own_check(name):
+    cells = read(name).cells
+    assert cells[0].cell_type == "markdown" and "paper says" in cells[0].source
+    code = [cell.source for cell in cells if cell.cell_type == "code"]
+    assert "assert " in code[-1] and "expected" in code[-1]
+
+
+@pytest.fixture(scope="session")
+def smoke(tmp_path_factory):
+    """All notebooks, from nothing, by the command a user types; takes minutes, so it runs once."""
+    out = tmp_path_factory.mktemp("smoke")
+    command = [sys.executable, "-m", "rlihf_lib", "--profile", "smoke", "--out", str(out)]
+    environment = {**os.environ, "RLIHF_CACHE": str(out / "cache")}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-4000:]
+    return Study("smoke", out=out), result
+
+
+def test_every_notebook_runs_in_smoke(smoke):
+    study, result = smoke
+    assert sorted(p.stem for p in study.notebooks.glob("*.ipynb")) == sorted(s.title for s in STEPS)
+    for step in STEPS:
+        assert f"{step.title}: cell 0/" in result.stdout
+        nb = nbformat.read(study.notebooks / f"{step.title}.ipynb", as_version=4)
+        code = [cell for cell in nb.cells if cell.cell_type == "code"]
+        assert all(cell.execution_count for cell in code), step.title
+
+
+def test_the_smoke_run_leaves_plain_tables(smoke):
+    study, _ = smoke
+    scores = pd.read_csv(study.decoder / "scores.csv")
+    assert {
+        "subject", "accuracy_pretrain", "accuracy_online", "balanced_accuracy", "auroc", "ece",
+        "n_epochs", "n_errors",
+    } <= set(scores.columns)  # fmt: skip
+    assert len(scores) == 3
+    table = study.p_error()
+    assert set(table["subject"]) == set(scores["subject"])
+    stages = ("sparse", "dense", "rlihf", "ablation")
+    configs = {config for stage in stages for config in study.run_configs(stage)}
+    assert len(configs) == 5
+    for config in configs:
+        assert is_done(config, study.runs)
+        frame = pd.read_csv(study.runs / config.run_id / "eval.csv")
+        assert {
+            "step", "rollout", "return", "success", "path_efficiency", "path_deviation",
+            "collisions", "min_clearance",
+        } <= set(frame.columns)  # fmt: skip
+        assert frame["step"].max() == study.profile.total_steps
+        recorded = json.loads((study.runs / config.run_id / "config.json").read_text())
+        assert {"condition", "w_hf", "subject", "seed", "profile", "eeg"} <= set(recorded)
+    table_1 = pd.read_csv(study.tables / "table1_phases.csv")
+    assert len(table_1) == 27 and table_1[["mean", "paper_mean"]].notna().all(axis=None)
+
+
+def test_every_figure_is_pdf_and_png_and_its_sources_are_unchanged(smoke):
+    study, _ = smoke
+    manifest = json.loads((study.figures / "manifest.json").read_text())
+    for start in ("fig3", "fig4", "fig5", "fig6"):
+        assert any(name.startswith(start) for name in manifest), start
+    for name, entry in manifest.items():
+        assert entry["notebook"] in NAMES
+        assert (study.figures / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+        assert (study.figures / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        for source, known in entry["sources"].items():
+            assert sha256(study.out / source) == known, (name, source)
+
+
+def test_the_simulated_eeg_is_owned_up_to(smoke):
+    study, _ = smoke
+    for table in study.tables.glob("*.md"):
+        assert "simulated EEG" in table.read_text(encoding="utf-8"), table
