@@ -72,17 +72,18 @@ class Decoder:
     def save(self, path):
         """Write weights and everything needed to use them to a safetensors file, atomically."""
         header = {
-            "input_format": json.dumps(asdict(self.input_format)),
-            "architecture": json.dumps(asdict(self.networks.architecture)),
-            "temperature": repr(self.temperature),
-            "prior": repr(self.prior),
+            "input_format": asdict(self.input_format),
+            "architecture": asdict(self.networks.architecture),
+            "temperature": self.temperature,
+            "prior": self.prior,
         }
         # Trained in single precision, so nothing is lost.
         tensors = {
             name: value.float().contiguous() for name, value in self.networks.state_dict().items()
         }
         with atomic_path(path) as temporary:
-            temporary.write_bytes(save(tensors, metadata=header))
+            # One entry, because safetensors writes several in random order.
+            temporary.write_bytes(save(tensors, metadata={"decoder": json.dumps(header)}))
 
     @classmethod
     def load(cls, path):
@@ -95,14 +96,15 @@ class Decoder:
         """
         try:
             with safe_open(path, framework="pt") as file:
-                header = file.metadata()
+                header = json.loads(file.metadata()["decoder"])
                 tensors = {name: file.get_tensor(name) for name in file.keys()}
-            layout = json.loads(header["input_format"])
-            layout["channels"] = tuple(layout["channels"])
-            architecture = Architecture(**json.loads(header["architecture"]))
+            layout = header["input_format"] | {
+                "channels": tuple(header["input_format"]["channels"])
+            }
+            architecture = Architecture(**header["architecture"])
             networks = EEGNetBatch(architecture, range(len(tensors["dense_bias"])))
             networks.load_state_dict(tensors)
-            temperature, prior = float(header["temperature"]), float(header["prior"])
+            temperature, prior = header["temperature"], header["prior"]
         except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
             raise ValueError(
                 f"{path} is not a decoder of this library or is damaged ({error}); train it anew "

@@ -16,7 +16,7 @@ import torch
 from rlihf_lib.eeg import scores
 from rlihf_lib.eeg.calibration import probability
 from rlihf_lib.eeg.decoder import Decoder
-from rlihf_lib.eeg.fitting import DecoderSettings, fit_fold
+from rlihf_lib.eeg.fitting import DEFAULTS, fit_fold
 from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
 from rlihf_lib.eeg.splits import leave_one_subject_out
 from rlihf_lib.eeg.streaming import replay
@@ -27,7 +27,7 @@ _VERSION = 1  # raise when the method changes in anything but its settings
 
 
 def run_loso(
-    load, subjects, folder, settings=DecoderSettings(), workers=0, recompute=False, device="auto",
+    load, subjects, folder, settings=DEFAULTS, workers=0, recompute=False, device="auto",
     progress=None,
 ):  # fmt: skip
     """Train one decoder per held-out subject, replay that subject through it, and score.
@@ -41,9 +41,9 @@ def run_loso(
     subjects : sequence of str
         At least three.
     folder : Path
-        Receives scores.csv, p_error.csv, training.csv, config.json and weights/<subject>.safetensors.
-        Finished folds lie in folds/<subject>/ and are skipped by the next call if settings and
-        data are the same.
+        Receives scores.csv, p_error.csv, training.csv, config.json and
+        weights/<subject>.safetensors. Finished folds lie in folds/<subject>/ and are skipped by
+        the next call if settings and data are the same.
     settings : DecoderSettings
     workers : int
         Processes, one fold each at a time; 0 = as many as there are cores.
@@ -96,7 +96,7 @@ def run_loso(
     return _merge(folder, subjects, settings, input_format, hashes)
 
 
-def load_subject(load, subject, settings=DecoderSettings()):
+def load_subject(load, subject, settings=DEFAULTS):
     """Load one subject's epochs as `signals.SubjectEpochs`."""
     epochs = load[subject] if isinstance(load, Mapping) else load(subject)
     return SubjectEpochs.from_mne(subject, epochs, eog=settings.eog)

@@ -42,6 +42,9 @@ class DecoderSettings:
     seed: int = 0
 
 
+DEFAULTS = DecoderSettings()
+
+
 @dataclass(frozen=True)
 class FittedFold:
     """What training a fold gives."""

@@ -76,7 +76,7 @@ class SubjectEpochs:
         return cls(
             subject=subject,
             signals=picked.get_data(copy=False),
-            labels=(epochs.events[:, 2] == epochs.event_id["error"]).astype(np.int64),
+            labels=(epochs.events[:, 2] == epochs.event_id.get("error")).astype(np.int64),
             index=epochs.metadata["epoch"].to_numpy(),
             channels=tuple(picked.ch_names),
             sfreq=float(epochs.info["sfreq"]),

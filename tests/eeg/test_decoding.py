@@ -1,0 +1,185 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlihf_lib.eeg import decoding
+from rlihf_lib.eeg.decoder import Decoder
+from rlihf_lib.eeg.fitting import DecoderSettings
+
+SETTINGS = DecoderSettings(
+    max_epochs=10, patience=10, ensemble=2, n_permutations=100, n_validation=1, batch_size=16
+)
+SUBJECTS = ["s02", "s03", "s04", "s05"]
+TABLES = ("scores.csv", "p_error.csv", "training.csv")
+
+
+def contents(folder):
+    files = [folder / name for name in TABLES]
+    files += [folder / "weights" / f"{subject}.safetensors" for subject in SUBJECTS]
+    return {file.name: file.read_bytes() for file in files}
+
+
+@pytest.fixture(scope="module")
+def dataset(make_epochs):
+    return {subject: make_epochs(seed) for seed, subject in enumerate(SUBJECTS)}
+
+
+@pytest.fixture(scope="module")
+def finished(dataset, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("decoder")
+    decoding.run_loso(dataset, SUBJECTS, folder, SETTINGS, workers=1)
+    return folder
+
+
+def test_a_planted_error_potential_is_decoded(finished):
+    scores = pd.read_csv(finished / "scores.csv")
+    assert scores["subject"].tolist() == SUBJECTS
+    assert scores["auroc"].mean() > 0.85
+    assert (scores["auroc_p"] < 0.05).all()
+    assert (scores["n_epochs"] == 60).all() and (scores["n_errors"] == 20).all()
+    for column in ("accuracy_pretrain", "accuracy_online", "balanced_accuracy", "ece"):
+        assert scores[column].between(0, 1).all()
+
+
+def test_pure_noise_is_not_decoded(make_epochs, tmp_path):
+    noise = {s: make_epochs(10 + i, amplitude=0.0) for i, s in enumerate(SUBJECTS)}
+    scores = decoding.run_loso(noise, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    # Standard error of a subject's AUROC with 20 errors of 60 by chance: 0.08.
+    assert abs(scores["auroc"].mean() - 0.5) < 0.12
+    assert (scores["auroc_p"] < 0.05).sum() <= 1
+
+
+def test_the_table_holds_every_held_out_epoch_and_equals_the_saved_decoder(finished, dataset):
+    table = pd.read_csv(finished / "p_error.csv", float_precision="round_trip")
+    for subject, rows in table.groupby("subject"):
+        epochs = dataset[subject]
+        assert rows["epoch"].tolist() == epochs.metadata["epoch"].tolist()
+        assert rows["label"].tolist() == epochs.metadata["label"].tolist()
+        decoder = decoding.load_decoder(finished, subject)
+        offline = decoder.p_error(epochs.get_data(copy=False))
+        np.testing.assert_allclose(rows["p_error"], offline, atol=1e-9)
+
+
+@pytest.mark.parametrize("poison", ["signals", "labels"])
+def test_the_held_out_subject_touches_nothing_of_its_fold(
+    poison, finished, dataset, make_epochs, tmp_path
+):
+    epochs = dataset["s03"].copy()
+    if poison == "signals":
+        epochs._data = 1e-3 * np.random.default_rng(0).normal(size=epochs._data.shape)
+    else:
+        epochs.events[:, 2] = 3 - epochs.events[:, 2]
+    decoding.run_loso(dataset | {"s03": epochs}, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    clean, poisoned = contents(finished), contents(tmp_path)
+    # Weights, normalisation statistics, temperature and prior of its own fold, bit by bit ...
+    assert poisoned["s03.safetensors"] == clean["s03.safetensors"]
+    # ... while it does train the others.
+    for other in ("s02", "s04", "s05"):
+        assert poisoned[f"{other}.safetensors"] != clean[f"{other}.safetensors"]
+
+
+def test_the_same_seed_gives_the_same_files_in_worker_processes_too(finished, dataset, tmp_path):
+    decoding.run_loso(dataset, SUBJECTS, tmp_path, SETTINGS, workers=2)
+    assert contents(tmp_path) == contents(finished)
+
+
+def test_finished_folds_are_skipped_and_missing_ones_come_out_the_same(
+    dataset, finished, tmp_path, monkeypatch
+):
+    trained = []
+    original = decoding.fit_fold
+
+    def counting(pool, *args):
+        if len(trained) == 2 and not resumed:
+            raise KeyboardInterrupt
+        trained.append(pool.fold.test)
+        return original(pool, *args)
+
+    resumed = False
+    monkeypatch.setattr(decoding, "fit_fold", counting)
+    with pytest.raises(KeyboardInterrupt):
+        decoding.run_loso(dataset, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    resumed = True
+    decoding.run_loso(dataset, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    assert trained == SUBJECTS
+    assert contents(tmp_path) == contents(finished)
+    counted = []
+    decoding.run_loso(
+        dataset, SUBJECTS, tmp_path, SETTINGS, workers=1, progress=lambda *a: counted.append(a)
+    )
+    assert trained == SUBJECTS and counted == [(4, 4, None)]
+
+
+def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(
+    dataset, make_epochs, tmp_path
+):
+    settings = DecoderSettings(max_epochs=1, ensemble=1, n_permutations=10)
+
+    def trained(data, settings):
+        counted = []
+        decoding.run_loso(
+            data, SUBJECTS, tmp_path, settings, workers=1, progress=lambda *a: counted.append(a)
+        )
+        return len(counted) - 1
+
+    assert trained(dataset, settings) == 4
+    assert trained(dataset, settings) == 0
+    (tmp_path / "weights" / "s04.safetensors").unlink()
+    assert trained(dataset, settings) == 1
+    assert trained(dataset | {"s05": make_epochs(99)}, settings) == 4
+    assert trained(dataset, DecoderSettings(max_epochs=1, ensemble=1, n_permutations=11)) == 4
+
+
+def test_channels_are_matched_by_name(finished, dataset, make_epochs, tmp_path):
+    order = ["C4", "Pz", "Fz", "C3", "Cz"]
+    shuffled = dataset | {"s04": dataset["s04"].copy().reorder_channels(order)}
+    decoding.run_loso(shuffled, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    for file in ("p_error.csv", "s02.safetensors"):
+        assert contents(tmp_path)[file] == contents(finished)[file]
+
+
+def refused(dataset, changed, tmp_path, message):
+    with pytest.raises(ValueError, match=message):
+        decoding.run_loso(dataset | {"s04": changed}, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_channel_is_refused(dataset, tmp_path):
+    changed = dataset["s04"].copy().drop_channels(["Cz"])
+    refused(dataset, changed, tmp_path, "s04 lacks the channel.* Cz")
+
+
+def test_nan_is_refused(dataset, tmp_path):
+    changed = dataset["s04"].copy()
+    changed._data[7, 1, 30] = np.nan
+    refused(dataset, changed, tmp_path, "s04: NaN or infinity in epoch 7, channel Cz")
+
+
+def test_another_rate_or_length_is_refused(dataset, make_epochs, tmp_path):
+    refused(dataset, make_epochs(2, sfreq=100.0), tmp_path, "s04: epochs at 100 Hz")
+    refused(dataset, make_epochs(2, duration=0.5), tmp_path, "64 samples")
+
+
+def test_a_missing_class_is_refused(dataset, tmp_path):
+    changed = dataset["s04"]["correct"]
+    refused(dataset, changed, tmp_path, "s04: .*both classes are needed")
+
+
+def test_a_damaged_decoder_is_refused(finished, tmp_path):
+    good = (finished / "weights" / "s02.safetensors").read_bytes()
+    path = tmp_path / "s02.safetensors"
+    path.write_bytes(good[: len(good) // 2])
+    with pytest.raises(ValueError, match=r"s02\.safetensors is not a decoder"):
+        Decoder.load(path)
+    with pytest.raises(FileNotFoundError, match="run notebook 02"):
+        decoding.load_decoder(tmp_path, "s03")
+
+
+def test_the_config_says_what_was_run(finished):
+    config = json.loads((finished / "config.json").read_text())
+    assert config["subjects"] == SUBJECTS
+    assert config["settings"]["ensemble"] == 2
+    assert config["input_format"]["channels"] == ["Fz", "Cz", "Pz", "C3", "C4"]
+    assert set(config["folds"]) == set(SUBJECTS)
