@@ -253,7 +253,7 @@ class _Display:
             text = progress.read(self.progress_path)
             if self.bar:
                 self.bar.set_postfix_str(text)
-            elif text != shown:
+            elif text and text != shown:
                 self._line(text)
                 shown = text
 
