@@ -1,6 +1,8 @@
 """Progress of long work inside a notebook, told to the command line through a small file."""
 
 import json
+import threading
+import time
 
 from rlihf_lib.files import write_text
 
@@ -28,37 +30,47 @@ class Progress:
         self.missing = missing
         self.n_workers = n_workers
         self.unit = unit
-        self.seconds = []
+        self.shares = {}
+        self.n_finished = 0
+        self.start = time.monotonic()
+        self.lock = threading.Lock()  # work elsewhere reports from another thread
 
     def __enter__(self):
         self._write()
         return self
 
     def __exit__(self, *exception):
-        self.path.unlink(missing_ok=True)
+        with self.lock:
+            self.path.unlink(missing_ok=True)
+            self.path = None
 
-    def finished(self, seconds=None):
-        """Count one more as finished, after `seconds` of work; None if it failed."""
-        self.missing -= 1
-        if seconds is not None:
-            self.seconds.append(seconds)
+    def advance(self, name, share):
+        """Note that the share `share`, in [0, 1], of the work called `name` is done."""
+        with self.lock:
+            self.shares[name] = share
+        self._write()
+
+    def finished(self, name):
+        """Count the work called `name` as finished, well or not."""
+        with self.lock:
+            self.shares.pop(name, None)
+            self.n_finished += 1
         self._write()
 
     def __str__(self):
-        running = min(self.n_workers, self.missing)
-        text = (
-            f"{self.unit}: {self.total - self.missing} done, {running} running, "
-            f"{self.missing - running} left"
-        )
-        if self.seconds and self.missing:
-            # Those running are half done on average.
-            mean = sum(self.seconds) / len(self.seconds)
-            rest = (self.missing - running / 2) * mean / self.n_workers
-            text += f", about {duration(rest)} to go"
+        left = self.missing - self.n_finished
+        running = min(self.n_workers, left)
+        text = f"{self.unit}: {self.total - left} done, {running} running, {left - running} left"
+        work = self.n_finished + sum(self.shares.values())
+        if work and left:
+            seconds = (self.missing - work) * (time.monotonic() - self.start) / work
+            text += f", about {duration(seconds)} to go"
         return text
 
     def _write(self):
-        write_text(self.path, json.dumps({"text": str(self)}))
+        with self.lock:
+            if self.path:
+                write_text(self.path, json.dumps({"text": str(self)}))
 
 
 def read(path):

@@ -13,9 +13,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from distributed import Client, LocalCluster, as_completed
+from distributed import Client, LocalCluster, as_completed, get_worker
 
 from rlihf_lib.progress import FILE_NAME, Progress, duration
+
+TOPIC = "rlihf-progress"
 
 
 def is_done(config, runs_dir):
@@ -56,7 +58,8 @@ def run_sweep(
     recompute : bool
         Train runs anew that are done.
     train : callable, optional
-        `train(config, folder, p_error)` writes the run's files; `rl.training.train_run` if None.
+        `train(config, folder, p_error, progress)` writes the run's files and calls
+        `progress(step)` now and then; `rl.training.train_run` if None.
     progress : callable
         Gets a line of text per finished run.
 
@@ -95,6 +98,7 @@ def run_sweep(
             n_workers=sum(client.nthreads().values()),
         ) as status,
     ):
+        client.subscribe_topic(TOPIC, lambda event: status.advance(*event[1]))
         futures = {
             client.submit(
                 _train_on_worker,
@@ -112,11 +116,11 @@ def run_sweep(
             if future.status == "finished":
                 files, seconds = future.result()
                 write_run(config, runs_dir, files)
-                status.finished(seconds)
+                status.finished(config.run_id)
                 progress(f"{config.run_id} took {duration(seconds)} ({status})")
             else:
                 failures.append((config, future.exception()))
-                status.finished()
+                status.finished(config.run_id)
                 progress(f"{config.run_id} failed ({status})")
             future.release()
     if failures:
@@ -168,10 +172,15 @@ def _train_on_worker(config, p_error, train):
     if train is None:
         # Only workers need PyTorch and MuJoCo.
         from rlihf_lib.rl.training import train_run as train
+    worker = get_worker()
+
+    def report(step):
+        worker.log_event(TOPIC, (config.run_id, step / config.total_steps))
+
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="rlihf-run-") as folder:
         folder = Path(folder)
-        train(config, folder, p_error)
+        train(config, folder, p_error, progress=report)
         files = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
     return files, time.perf_counter() - start
 

@@ -6,11 +6,13 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 
 import pandas as pd
 import pytest
 
+from rlihf_lib.progress import FILE_NAME, read
 from rlihf_lib.rl.config import RunConfig
 from rlihf_lib.rl.sweep import is_done, run_sweep
 
@@ -20,11 +22,12 @@ import json, os, time
 from pathlib import Path
 
 
-def train(config, folder, p_error):
+def train(config, folder, p_error, progress):
     """Write what a run writes; a pure function of the config and the p(error) rows."""
     control = Path(os.environ["FAKE_CONTROL"])
     with open(control / "log", "a") as log:
         log.write(config.run_id + "\\n")
+    progress(config.total_steps // 2)
     if (control / "slow").exists():
         time.sleep(0.7)
     if config.seed == 3 and (control / "die-once").exists():
@@ -179,3 +182,23 @@ def test_a_scheduler_named_in_the_environment_is_used(fake, monkeypatch):
         run_sweep(configs(1), folder / "runs", train=train, progress=lambda line: None)
         assert is_done(configs(1)[0], folder / "runs")
         assert cluster.scheduler.transition_counter > 0
+
+
+def test_progress_tells_done_running_left_and_the_time_to_go_from_halves_of_runs(fake):
+    train, folder = fake
+    (folder / "slow").touch()
+    runs = folder / "study" / "runs"
+    run_sweep(configs(1), runs, train=train, workers=1, progress=lambda line: None)
+    seen = set()
+    thread = threading.Thread(
+        target=run_sweep, args=(configs(4), runs), kwargs={"train": train, "workers": 2}
+    )
+    thread.start()
+    while thread.is_alive():
+        seen.add(read(runs.parent / FILE_NAME))
+        time.sleep(0.02)
+    starts = [text.split(", about")[0] for text in seen]
+    assert "runs: 1 done, 2 running, 1 left" in starts
+    assert "runs: 3 done, 1 running, 0 left" in starts
+    first = [text for text in seen if text.startswith("runs: 1 done")]
+    assert any(text.endswith("to go") for text in first), "no estimate before the first run ended"
