@@ -73,7 +73,7 @@ def _drawing(study, figures, notebook):
 
 
 def _decoder_status(study):
-    done = len(list((study.decoder / "weights").glob("*.safetensors")))
+    done = len(list((study.decoder / "folds").glob("*/")))
     if (study.decoder / "p_error.csv").is_file():
         done = study.p_error()["subject"].nunique()
         missing = 0
