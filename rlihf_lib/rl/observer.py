@@ -1,0 +1,75 @@
+"""The simulated person: which moments look wrong, and what their EEG then says.
+
+The rule, in words: *The observer expects the robot to get on with it. A moment looks right when the
+robot comes visibly closer to having done the task than it has been within memory; it looks wrong
+when the robot stands still, drifts, goes back, or makes up for ground it has just lost, and always
+when hand or can come uncomfortably close to something that is not to be touched.* Memory of the best
+so far fades slowly, so that after a failure the observer is soon content with progress from where
+the robot now is. The rule is the same for every subject and weight, depends only on what has been
+seen, and uses the same length of remaining path in every stage: reaching, closing, lifting,
+carrying, lowering, opening.
+"""
+
+import numpy as np
+
+VISIBLE_PROGRESS = 0.003  # metres of remaining path in one step below which nothing seems to happen
+PREFERRED_CLEARANCE = 0.02  # metres between hand or can and an obstacle below which people worry
+
+
+def looks_wrong(moment):
+    """Whether the observer perceives an error in one control step.
+
+    Parameters
+    ----------
+    moment : rlihf_lib.task.gym_env.Moment
+        What can be seen of the step.
+
+    Returns
+    -------
+    bool
+    """
+    if moment.success:
+        return False
+    too_close = moment.collided or moment.clearance < PREFERRED_CLEARANCE
+    progress = moment.best - moment.remaining
+    return bool(moment.lost or too_close or progress < VISIBLE_PROGRESS)
+
+
+class Observer:
+    """A person whose held-out epochs answer what they see.
+
+    Parameters
+    ----------
+    p_error : DataFrame
+        Decoded held-out epochs of one subject, columns `label` (1 = error) and `p_error` in [0, 1].
+    rng : numpy.random.Generator
+        Draws the epochs.
+
+    Raises
+    ------
+    ValueError
+        If one of the two classes has no epoch.
+    """
+
+    def __init__(self, p_error, rng):
+        self._p = [p_error.loc[p_error["label"] == label, "p_error"].to_numpy() for label in (0, 1)]
+        for label, name in enumerate(("correct", "error")):
+            if len(self._p[label]) == 0:
+                raise ValueError(
+                    f"the p(error) table has no epoch of class {name!r}; the observer needs both"
+                )
+        self._rng = rng
+        self.errors_seen = 0
+
+    def watch(self, moment):
+        """Return p(error) decoded from an epoch of the class this moment evokes, Eq. (3)."""
+        wrong = looks_wrong(moment)
+        self.errors_seen += wrong
+        return float(self._rng.choice(self._p[wrong]))
+
+
+def perfect_table():
+    """Return the p(error) table of an ideal decoder (p = label) as arrays for `Observer`."""
+    import pandas as pd
+
+    return pd.DataFrame({"label": [0, 1], "p_error": np.array([0.0, 1.0])})

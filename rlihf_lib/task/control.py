@@ -1,0 +1,187 @@
+"""How an action becomes joint torques, fast.
+
+The same law as robosuite's `OSC_POSE` (operational-space control, Khatib 1987): the hand is pulled
+towards a goal pose by a spring of stiffness 150 1/s^2, critically damped, with the full task-space
+inertia (`uncouple_pos_ori=False`: without the cross terms turning drags the hand aside by
+centimetres), the redundant joint held near its start. What differs is where time goes: torques are
+recomputed every 8 ms instead of every 2 ms, in compiled code, and MuJoCo steps in C between.
+"""
+
+import mujoco
+import numba
+import numpy as np
+from robosuite.utils.transform_utils import mat2quat, quat2axisangle
+
+HAND_SITE = "gripper0_right_grip_site"
+STIFFNESS = 150.0  # 1/s^2, robosuite's default kp
+NULLSPACE_STIFFNESS = 10.0  # 1/s^2
+STEP_LENGTH = 0.03  # metres of goal displacement at action 1: 0.3 m/s at 10 Hz
+LEASH = 0.10  # metres the goal may run ahead of the hand along an axis; free motion needs 0.06
+# The hand's goal stays in this box, metres, as a real arm's workspace limits would keep it.
+WORKSPACE_LOW = np.array([-0.31, -0.28, 0.82])
+WORKSPACE_HIGH = np.array([0.05, 0.28, 1.08])
+ARM_DOFS = 7
+
+
+@numba.njit(cache=True)
+def _orientation_error(goal, current):
+    error = np.zeros(3)
+    for k in range(3):
+        a, b = current[:, k], goal[:, k]
+        error[0] += a[1] * b[2] - a[2] * b[1]
+        error[1] += a[2] * b[0] - a[0] * b[2]
+        error[2] += a[0] * b[1] - a[1] * b[0]
+    return 0.5 * error
+
+
+@numba.njit(cache=True)
+def operational_space_torques(
+    goal_pos, goal_ori, pos, ori, jacobian, mass, bias, q, dq, q_rest, low, high
+):
+    """Joint torques that pull the hand to a goal pose (robosuite's `OSC_POSE`, Khatib 1987).
+
+    Parameters
+    ----------
+    goal_pos, pos : ndarray, shape (3,)
+        Goal and current position of the hand, metres.
+    goal_ori, ori : ndarray, shape (3, 3)
+        Goal and current orientation of the hand.
+    jacobian : ndarray, shape (6, 7)
+        Of the hand: rows 0-2 translation, 3-5 rotation.
+    mass : ndarray, shape (7, 7)
+        Joint-space inertia, kg m^2.
+    bias : ndarray, shape (7,)
+        Gravity and Coriolis torques, N m.
+    q, dq, q_rest : ndarray, shape (7,)
+        Joint angles (rad), velocities (rad/s) and the angles the null space returns to.
+    low, high : ndarray, shape (7,)
+        Torque limits, N m.
+
+    Returns
+    -------
+    ndarray, shape (7,)
+        Torques within the limits, N m.
+    """
+    damping = 2.0 * np.sqrt(STIFFNESS)
+    velocity = jacobian @ dq
+    force = STIFFNESS * (goal_pos - pos) - damping * velocity[:3]
+    torque = STIFFNESS * _orientation_error(goal_ori, ori) - damping * velocity[3:]
+    # One factorisation serves both: M^-1 J^T and M^-1 of the null-space term (which M cancels).
+    mass_inv_jt = np.linalg.solve(mass, jacobian.T.copy())
+    lambda_inv = jacobian @ mass_inv_jt
+    wrench = np.linalg.solve(lambda_inv, np.concatenate((force, torque)))
+    pose = NULLSPACE_STIFFNESS * (q_rest - q) - 2.0 * np.sqrt(NULLSPACE_STIFFNESS) * dq
+    pose_torques = mass @ pose
+    null = pose_torques - jacobian.T @ np.linalg.solve(lambda_inv, jacobian @ pose)
+    return np.minimum(np.maximum(jacobian.T @ wrench + bias + null, low), high)
+
+
+class Controller:
+    """Drives a fast `Workspace` one control step at a time.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Constructed with `fast=True`.
+    """
+
+    TORQUE_PERIOD = 2  # physics steps between two torque computations
+
+    def __init__(self, workspace):
+        self.workspace = workspace
+        self.model = workspace.sim.model._model
+        self.data = workspace.sim.data._data
+        self.site = self.model.site(HAND_SITE).id
+        self.gripper = workspace.robots[0].gripper["right"]
+        self.physics_steps = round(1 / workspace.control_freq / self.model.opt.timestep)
+        self.low, self.high = self.model.actuator_ctrlrange[:ARM_DOFS].T.copy()
+        finger_range = self.model.actuator_ctrlrange[ARM_DOFS:]
+        self.finger_middle = finger_range.mean(axis=1)
+        self.finger_half = np.ptp(finger_range, axis=1) / 2
+        self._jacobian = np.zeros((6, self.model.nv))
+        self._mass = np.zeros((self.model.nv, self.model.nv))
+        self.reset()
+
+    def reset(self):
+        """Hold the orientation and the joint angles of the present state from now on."""
+        mujoco.mj_forward(self.model, self.data)
+        self.goal_ori = self.data.site_xmat[self.site].reshape(3, 3).copy()
+        self.q_rest = self.data.qpos[:ARM_DOFS].copy()
+        self.goal_pos = self.hand.copy()
+
+    @property
+    def hand(self):
+        """Position of the grip site, metres, shape (3,)."""
+        return self.data.site_xpos[self.site]
+
+    def hand_velocity(self):
+        """Velocity of the grip site, metres per second, shape (3,)."""
+        velocity = np.zeros(6)
+        mujoco.mj_objectVelocity(
+            self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, self.site, velocity, 0
+        )
+        return velocity[3:]
+
+    def move_goal(self, action):
+        """Shift the hand's goal by up to 3 cm along each axis, within reach and workspace."""
+        ahead = np.clip(self.goal_pos + STEP_LENGTH * action[:3] - self.hand, -LEASH, LEASH)
+        self.goal_pos = np.clip(self.hand + ahead, WORKSPACE_LOW, WORKSPACE_HIGH)
+
+    def advance(self, action):
+        """Apply one action for one control step.
+
+        Parameters
+        ----------
+        action : ndarray, shape (4,)
+            In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), gripper (> 0.3 closes,
+            < -0.3 opens, between keeps).
+        """
+        model, data = self.model, self.data
+        self.move_goal(action)
+        fingers = self.gripper.format_action(action[3:])
+        data.ctrl[ARM_DOFS:] = self.finger_middle + self.finger_half * fingers
+        for start in range(0, self.physics_steps, self.TORQUE_PERIOD):
+            data.ctrl[:ARM_DOFS] = self.torques()
+            steps = min(self.TORQUE_PERIOD, self.physics_steps - start)
+            mujoco.mj_step(model, data, steps)
+        # The last mj_step leaves positions one step ahead of poses: bring them together.
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+
+    def torques(self):
+        """Torques towards the goal in the present state, N m, shape (7,)."""
+        model, data = self.model, self.data
+        mujoco.mj_jacSite(model, data, self._jacobian[:3], self._jacobian[3:], self.site)
+        mujoco.mj_fullM(model, self._mass, data.qM)
+        return operational_space_torques(
+            self.goal_pos,
+            self.goal_ori,
+            data.site_xpos[self.site],
+            data.site_xmat[self.site].reshape(3, 3),
+            np.ascontiguousarray(self._jacobian[:, :ARM_DOFS]),
+            np.ascontiguousarray(self._mass[:ARM_DOFS, :ARM_DOFS]),
+            data.qfrc_bias[:ARM_DOFS],
+            data.qpos[:ARM_DOFS],
+            data.qvel[:ARM_DOFS],
+            self.q_rest,
+            self.low,
+            self.high,
+        )
+
+
+class StockController(Controller):
+    """The same interface, driven by robosuite's own `step`: the reference for `Controller`.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Constructed with `fast=False`.
+    """
+
+    def advance(self, action):
+        """Apply one action (4,) for one control step, as `Controller.advance` does."""
+        orientation = quat2axisangle(mat2quat(self.goal_ori))
+        self.move_goal(action)
+        self.workspace.step(np.concatenate((self.goal_pos, orientation, action[3:])))
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)

@@ -1,0 +1,263 @@
+"""The Gymnasium face of the workspace.
+
+robosuite's own `GymWrapper` reports the horizon as `terminated`, so that a learner never bootstraps
+at the time limit, and `reset(seed=)` does not seed the placement: hence this adapter.
+"""
+
+from dataclasses import dataclass
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+
+from rlihf_lib.task.control import ARM_DOFS, Controller, StockController
+from rlihf_lib.task.path import IdealPath, path_efficiency
+from rlihf_lib.task.workspace import CLOSED_ANGLE, OBSTACLES, OPEN_ANGLE, TABLE_HEIGHT, Workspace
+
+PLACED_WITHIN = 0.04  # metres between the can's and the goal's centre
+LIFTED = 0.05  # metres of lift that tell carrying from pushing
+CLEARANCE_RANGE = 0.15  # metres beyond which clearance isn't measured
+LENGTH_SCALE, SPEED_SCALE = 0.2, 0.5  # observation units: 0.2 m and 0.5 m/s
+FORGETTING = 0.002  # metres a step by which the best progress fades from memory
+OBSERVATION = (
+    # entry, size, unit
+    ("hand position from the table's centre", 3, "0.2 m"),
+    ("hand velocity", 3, "0.5 m/s"),
+    ("hand's goal from hand", 3, "0.05 m"),
+    ("can from hand", 3, "0.2 m"),
+    ("can's upward axis, x and y", 2, "1"),
+    ("can's velocity", 3, "0.5 m/s"),
+    ("goal from can", 3, "0.2 m"),
+    *((f"{name} from hand", 3, "0.2 m") for name in OBSTACLES),
+    ("finger closure, 0 open to 1 closed", 1, "1"),
+    ("gripper command, 0 open or 1 closed", 1, "1"),
+    ("can is held", 1, "0 or 1"),
+    ("can has been lifted 5 cm in this episode", 1, "0 or 1"),
+    ("setback: progress lost since the best in memory", 1, "0.05 m, at most 2"),
+)
+
+
+@dataclass
+class Moment:
+    """What an observer can see of one control step; lengths in metres."""
+
+    remaining: float
+    """Remaining path after the step (`IdealPath.remaining`)."""
+    gained: float
+    """Remaining path before the step minus after it."""
+    best: float
+    """Smallest remaining path in memory before the step; fades by `FORGETTING` a step."""
+    deviation: float
+    """Distance of the hand from the ideal path."""
+    clearance: float
+    """Distance between hand or held can and the nearest obstacle, at most `CLEARANCE_RANGE`."""
+    collided: bool
+    """Whether hand, arm or held can touches an obstacle."""
+    grasped: bool
+    """Whether thumb and an opposing finger touch the can."""
+    success: bool
+    """Whether the can stands on the goal, released."""
+    lost: bool
+    """Whether the can has left the table or lies on its side."""
+
+
+class PickPlaceEnv(gym.Env):
+    """Obstacle-avoiding pick-and-place with the Kinova Gen2.
+
+    Action: Box(-1, 1, (4,)): hand displacement along x, y, z (1 = 3 cm), gripper (above 0.3 closes,
+    below -0.3 opens, between keeps). Observation: Box, entries and units in `OBSERVATION`.
+    Reward: 1 in the step that places the can, else 0; training rewards are made of `info["moment"]`
+    (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost. `truncated`: the
+    horizon.
+
+    Parameters
+    ----------
+    horizon : int
+        Steps after which an episode is truncated (paper: 1000).
+    control_freq : float
+        Control steps per second.
+    workspace : Workspace, optional
+        To use instead of a new, fast one; with `Workspace(fast=False)` robosuite's own `step` drives
+        the same task, about five times slower.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+
+    def __init__(self, horizon=1000, control_freq=10, workspace=None):
+        self.horizon = horizon
+        self.workspace = workspace or Workspace(control_freq=control_freq)
+        self.controller = (Controller if self.workspace.fast else StockController)(self.workspace)
+        self.model, self.data = self.controller.model, self.controller.data
+        size = sum(entry[1] for entry in OBSERVATION)
+        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (4,), np.float32)
+        self._label_geoms()
+
+    def _label_geoms(self):
+        """Mark each geom as can, obstacle, thumb, finger or other part of the robot."""
+        w, names = self.workspace, [self.model.geom(g).name for g in range(self.model.ngeom)]
+        self._is_can = np.isin(np.arange(self.model.ngeom), w.geom_ids["can"])
+        self._is_obstacle = np.zeros(self.model.ngeom, bool)
+        for name in OBSTACLES:
+            self._is_obstacle[w.geom_ids[name]] = True
+        self._is_thumb = np.array(["_thumb_" in n for n in names])
+        self._is_finger = np.array(["_index_" in n or "_pinky_" in n for n in names])
+        self._is_robot = np.array([n.startswith(("robot0", "gripper0")) for n in names])
+        self._obstacle_geoms = np.flatnonzero(self._is_obstacle)
+        collides = self.model.geom_contype + self.model.geom_conaffinity > 0
+        hand = [n.endswith(("hand_collision", "distal_collision")) for n in names]
+        self._hand_geoms = np.flatnonzero(np.array(hand) & collides)
+
+    def reset(self, *, seed=None, options=None):
+        """Start an episode; `seed` seeds this and, through it, all later placements."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self.workspace.reseed(seed)
+        self.workspace.reset()
+        self.controller.reset()
+        self.steps = 0
+        self.travelled = 0.0
+        self.squared_deviation = 0.0
+        self.collisions = 0
+        self.colliding = False
+        self.min_clearance = CLEARANCE_RANGE
+        self.goal = self.workspace.placement["goal"] + [0, 0, 0]
+        can = self.body("can")
+        self.goal[2] = can[2]
+        self.path = IdealPath(self.controller.hand, can, self.goal)
+        self.remaining = self.best = self.least = self.path.start_remaining
+        self.grasped = self.lifted = False
+        return self._observe(), {}
+
+    def step(self, action):
+        """Advance one control step (Gymnasium API)."""
+        action = np.clip(np.asarray(action, float), -1, 1)
+        before = self.controller.hand.copy()
+        self.controller.advance(action)
+        self.steps += 1
+        moment = self._judge(before)
+        terminated = moment.success or moment.lost
+        truncated = not terminated and self.steps >= self.horizon
+        info = {"moment": moment, "is_success": moment.success}
+        if terminated or truncated:
+            info["metrics"] = self.metrics(moment.success)
+        return self._observe(), float(moment.success), terminated, truncated, info
+
+    def _judge(self, before):
+        """Measure what happened in the step that began with the hand at `before`."""
+        hand, can = self.controller.hand.copy(), self.body("can")
+        touching_can, thumb, finger, collided = self._contacts()
+        self.grasped = thumb and finger
+        upright = self.data.xmat[self.workspace.body_ids["can"]][8]
+        at_goal = np.linalg.norm(can[:2] - self.goal[:2]) < PLACED_WITHIN
+        standing = abs(can[2] - self.goal[2]) < 0.01 and upright > 0.95
+        self.lifted = self.lifted or bool(self.grasped and can[2] > self.goal[2] + LIFTED)
+        delivered = bool(self.lifted and at_goal and standing)
+        success = delivered and not touching_can
+        off_table = np.abs(can[:2]).max() > 0.4 or can[2] < TABLE_HEIGHT
+        lost = bool(off_table or (upright < 0.5 and not self.grasped))
+        # Opening the hand at the goal is the end of the way, not a can let go half-way.
+        remaining = (
+            0.0
+            if success
+            else self.path.remaining(hand, can, self.grasped or delivered, self.closure())
+        )
+        clearance = self._clearance()
+        deviation = self.path.deviation(hand)
+        moment = Moment(
+            remaining=remaining,
+            gained=self.remaining - remaining,
+            best=self.best,
+            deviation=deviation,
+            clearance=clearance,
+            collided=collided,
+            grasped=self.grasped,
+            success=success,
+            lost=lost,
+        )
+        self.remaining = remaining
+        self.least = min(self.least, remaining)
+        self.best = min(remaining, self.best + FORGETTING)
+        self.travelled += float(np.linalg.norm(hand - before))
+        self.squared_deviation += deviation**2
+        self.collisions += collided and not self.colliding
+        self.colliding = collided
+        self.min_clearance = min(self.min_clearance, clearance)
+        return moment
+
+    def closure(self):
+        """How far the fingers are closed, 0 open to 1 closed."""
+        angle = self.data.qpos[[ARM_DOFS, ARM_DOFS + 2, ARM_DOFS + 4]].mean()
+        return float(np.clip((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0, 1))
+
+    def body(self, name):
+        """Centre of the can or of an obstacle, metres, shape (3,)."""
+        return self.data.xpos[self.workspace.body_ids[name]].copy()
+
+    def _contacts(self):
+        """Whether the robot touches the can, thumb and finger do, and an obstacle is touched."""
+        pairs = self.data.contact.geom
+        if len(pairs) == 0:
+            return False, False, False, False
+        a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
+        with_can = self._is_can[b]
+        thumb = bool((with_can & self._is_thumb[a]).any())
+        finger = bool((with_can & self._is_finger[a]).any())
+        touching = bool((with_can & self._is_robot[a]).any())
+        moving = self._is_robot[a] | (self._is_can[a] & touching)
+        return touching, thumb, finger, bool((moving & self._is_obstacle[b]).any())
+
+    def _clearance(self):
+        """Distance between hand or held can and the nearest obstacle, metres."""
+        moving = self._hand_geoms
+        if self.grasped:
+            moving = np.append(moving, self.workspace.geom_ids["can"])
+        closest = CLEARANCE_RANGE
+        for a in moving:
+            for b in self._obstacle_geoms:
+                closest = min(
+                    closest, mujoco.mj_geomDistance(self.model, self.data, a, b, closest, None)
+                )
+        return max(closest, 0.0)
+
+    def metrics(self, success):
+        """Metrics of the episode so far, by the names of `eval.csv`."""
+        completed = 1.0 - self.least / self.path.start_remaining
+        return {
+            "success": int(success),
+            "path_efficiency": path_efficiency(self.path.length, self.travelled, completed),
+            "path_deviation": float(np.sqrt(self.squared_deviation / self.steps)),
+            "collisions": self.collisions,
+            "min_clearance": self.min_clearance,
+            "completed": completed,
+            "steps": self.steps,
+        }
+
+    def _observe(self):
+        hand, can = self.controller.hand, self.body("can")
+        velocity = self.controller.hand_velocity()
+        body = self.workspace.body_ids["can"]
+        up = self.data.xmat[body][[2, 5]]
+        can_velocity = self.data.cvel[body][3:]
+        centre = np.array([0, 0, TABLE_HEIGHT + 0.1])
+        lengths = [hand - centre, can - hand, self.goal - can]
+        obstacles = [self.body(name) - hand for name in OBSTACLES]
+        setback = min((self.remaining - self.best) / 0.05, 2.0)
+        command = float(self.controller.gripper.target == CLOSED_ANGLE)
+        return np.concatenate(
+            [
+                lengths[0] / LENGTH_SCALE,
+                velocity / SPEED_SCALE,
+                (self.controller.goal_pos - hand) / 0.05,
+                lengths[1] / LENGTH_SCALE,
+                up,
+                can_velocity / SPEED_SCALE,
+                lengths[2] / LENGTH_SCALE,
+                *(o / LENGTH_SCALE for o in obstacles),
+                [self.closure(), command, float(self.grasped), float(self.lifted), setback],
+            ]
+        ).astype(np.float32)
+
+    def close(self):
+        """Free the simulation."""
+        self.workspace.close()

@@ -1,0 +1,144 @@
+"""The ideal path, what remains of it, and how far an executed path is from it.
+
+The ideal path leads the hand from its start over the can, down to it, up by `LIFT`, round the
+obstacles on the robot's side with the clearance people prefer, over the goal and down onto it. One
+number says how far a state is from the end: the *remaining path* in metres. On the ideal path it is
+the length that is left; beside it, coming back costs `DETOUR` times the distance:
+
+    D(x) = min_q  DETOUR * |x - q| + length left at q,      q on the ideal path.
+"""
+
+import numpy as np
+
+LIFT = 0.10  # metres the can is lifted before it is carried
+HOVER = 0.10  # metres over the can from which the hand comes down
+DETOUR = 2.5  # price of a metre beside the path; 1 would let the hand cut the corner
+VIA = ((-0.26, -0.06), (-0.26, 0.06))  # where the path passes the bottle and the cereal box
+GRASP_WORTH = 0.10  # metres: closing the fingers round the can, half of it for the hold itself
+NEAR, FAR = 0.02, 0.05  # metres from the can: closing counts fully, not at all
+_SPACING = 0.01
+
+
+class IdealPath:
+    """The ideal path for one placement.
+
+    Parameters
+    ----------
+    hand : array-like, shape (3,)
+        Where the hand starts, metres.
+    can, goal : array-like, shape (3,)
+        Centre of the can before it is touched and when it is placed, metres.
+
+    Attributes
+    ----------
+    reach, carry : ndarray, shape (n, 3)
+        Vertices of the way to the can and of the way with it.
+    length : float
+        Length of both, metres.
+    """
+
+    def __init__(self, hand, can, goal):
+        hand, can, goal = (np.asarray(p, float) for p in (hand, can, goal))
+        up, height = np.array([0, 0, 1.0]), can[2] + LIFT
+        self.reach = np.array([hand, can + HOVER * up, can])
+        via = [np.array([*xy, height]) for xy in VIA]
+        self.carry = np.array([can, can + LIFT * up, *via, [*goal[:2], height], goal])
+        self._descent = _sample(np.array([HOVER * up, 0 * up]))
+        self._carry_samples = _sample(self.carry)
+        self._all_points = np.vstack([_sample(self.reach)[0], self._carry_samples[0]])
+        self.carry_length = polyline_length(self.carry)
+        self.length = polyline_length(self.reach) + self.carry_length
+        self.start_remaining = self.remaining(hand, can, False, 0.0)
+
+    def remaining_reach(self, hand, can):
+        """Length left from `hand` (3,) to the can at `can` (3,), metres.
+
+        Straight to the hovering point and down; low beside the can, where that would sweep it
+        aside, height lost costs `DETOUR`.
+        """
+        offset = hand - can
+        points, left = self._descent
+        beside = (DETOUR * np.sqrt(((points - offset) ** 2).sum(axis=1)) + left).min()
+        too_low = max(0.0, HOVER / 2 - offset[2])
+        straight = np.sqrt(((points[0] - offset) ** 2).sum()) + HOVER + DETOUR * too_low
+        return float(min(beside, straight))
+
+    def remaining_carry(self, can):
+        """Length left of the way with the can, from `can` (3,), metres."""
+        points, left = self._carry_samples
+        return float((DETOUR * np.sqrt(((points - can) ** 2).sum(axis=1)) + left).min())
+
+    def remaining(self, hand, can, grasped, closure):
+        """Remaining path D of a state, metres.
+
+        Parameters
+        ----------
+        hand, can : ndarray, shape (3,)
+            Positions, metres.
+        grasped : bool
+            Whether the fingers hold the can.
+        closure : float
+            How far the fingers are closed, 0 open to 1 closed.
+
+        Returns
+        -------
+        float
+            About `length` + 0.10 at the start, 0 with the can at the goal.
+        """
+        if grasped:
+            return self.remaining_carry(can)
+        distance = self.remaining_reach(hand, can)
+        # A hand closed too early has to open again: that is part of the way left.
+        near = np.clip((FAR - distance) / (FAR - NEAR), 0, 1)
+        closing = GRASP_WORTH * (1 + 0.5 * closure * (1 - 2 * near))
+        return float(distance + closing + self.carry_length)
+
+    def deviation(self, hand):
+        """Distance from `hand` (3,) to the nearest point of the ideal path, metres."""
+        return float(np.sqrt(((self._all_points - hand) ** 2).sum(axis=1).min()))
+
+    def lookahead(self, can, distance):
+        """Point of the carry leg `distance` metres beyond the one that serves `can` best, (3,)."""
+        points, left = self._carry_samples
+        best = (DETOUR * np.sqrt(((points - can) ** 2).sum(axis=1)) + left).argmin()
+        return points[min(best + round(distance / _SPACING), len(points) - 1)]
+
+
+def polyline_length(points):
+    """Length of a polyline with vertices `points`, shape (n, 3), metres."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _sample(vertices):
+    """Points every centimetre along a polyline and the length left at each, metres."""
+    pieces = [
+        np.linspace(a, b, max(1, round(np.linalg.norm(b - a) / _SPACING)), endpoint=False)
+        for a, b in zip(vertices[:-1], vertices[1:], strict=True)
+    ]
+    points = np.vstack([*pieces, vertices[-1:]])
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return points, np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+
+
+def path_efficiency(ideal, executed, completed):
+    """Ideal length over executed length, of the part of the task that was completed.
+
+    The paper's ratio "between the length of the ideal trajectory and the agent's actual
+    trajectory" would exceed 1 for a robot that gives up early; so the ideal length is weighted by
+    the share of the path completed, as success-weighted path length (Anderson et al. 2018) does.
+
+    Parameters
+    ----------
+    ideal : float
+        Length of the ideal path, metres.
+    executed : float
+        Length of the hand's path, metres.
+    completed : float
+        Largest share of the ideal path completed, in [0, 1].
+
+    Returns
+    -------
+    float
+        In [0, 1]; 0 if the hand didn't move.
+    """
+    return float(min(1.0, completed * ideal / executed)) if executed > 0 else 0.0

@@ -1,0 +1,250 @@
+"""The robosuite environment: Lift made into pick-and-place among obstacles (paper, Fig. 3).
+
+A Kinova Gen2 (robosuite's `Jaco`) stands before a table with a red can, a lemon, a cereal box, a
+green bottle and bread. The can must be placed upright on the goal, a gray cylinder on the right,
+without touching the four obstacles. Coordinates are metres in robosuite's world frame: x away from
+the robot, y to the right as seen by a person facing the robot, z up, the table's top at z = 0.8.
+"""
+
+import logging
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+
+# robosuite greets every import and every environment with a burst of warnings.
+logging.disable(logging.WARNING)
+from robosuite.controllers import load_composite_controller_config  # noqa: E402
+from robosuite.environments.manipulation.manipulation_env import ManipulationEnv  # noqa: E402
+from robosuite.models.arenas import TableArena  # noqa: E402
+from robosuite.models.grippers import register_gripper  # noqa: E402
+from robosuite.models.grippers.jaco_three_finger_gripper import (  # noqa: E402
+    JacoThreeFingerGripperBase,
+)
+from robosuite.models.objects import (  # noqa: E402
+    BottleObject,
+    BreadObject,
+    CanObject,
+    CerealObject,
+    CylinderObject,
+    LemonObject,
+)
+from robosuite.models.tasks import ManipulationTask  # noqa: E402
+from robosuite.utils.log_utils import ROBOSUITE_DEFAULT_LOGGER  # noqa: E402
+
+logging.disable(logging.NOTSET)
+ROBOSUITE_DEFAULT_LOGGER.setLevel(logging.ERROR)
+
+TABLE_HEIGHT = 0.8
+OBSTACLES = ("lemon", "cereal", "bottle", "bread")
+# Nominal places on the table (x, y) and half-widths of the uniform jitter, metres. The cereal box
+# and the bottle block the straight way from can to goal; lemon and bread stand beside the ends.
+PLACES = {
+    "can": ((-0.07, -0.20), 0.03),
+    "goal": ((-0.07, 0.20), 0.02),
+    "lemon": ((0.06, -0.12), 0.015),
+    "cereal": ((-0.02, 0.00), 0.01),
+    "bottle": ((-0.10, 0.00), 0.01),
+    "bread": ((0.06, 0.14), 0.015),
+}
+# Collision primitives fitted to the meshes by MuJoCo's compiler (fingertips stay as they are).
+PRIMITIVES = {
+    "can": "cylinder",
+    "lemon": "ellipsoid",
+    "cereal": "box",
+    "bottle": "cylinder",
+    "bread": "box",
+    "robot0": "capsule",
+    "gripper0_right_hand": "cylinder",
+    "gripper0_right_thumb": "capsule",
+    "gripper0_right_index": "capsule",
+    "gripper0_right_pinky": "capsule",
+}
+# Robosuite's contacts (can: 1 ms, fingertips underdamped) squeeze the can out of the hand at a 4 ms
+# step (0-2 of 12 grasps hold); 12 ms, overdamped and 5 mm wide hold it in 24 of 24.
+GRASPING = ("tip_collision", "pad_collision", "distal_collision")
+# Finger joints: 1.2 rad is open; 0.6 rad is closed round a can. Commanded to 0, the fingers creep on
+# round the can and throw it over when they open; so they do when they open at once.
+OPEN_ANGLE, CLOSED_ANGLE, FINGER_RANGE = 1.2, 0.6, 1.51
+FINGER_STEP = 0.15  # rad per control step: 1.5 rad/s at 10 Hz
+START_TURN = 0.35  # rad of the arm's first joint away from robosuite's start, towards the can
+GRIPPER_DEADBAND = 0.3
+
+
+@register_gripper
+class JacoPersistentGripper(JacoThreeFingerGripperBase):
+    """Jaco's hand with one command that persists: above 0.3 it closes, below -0.3 it opens.
+
+    robosuite's own one-action version integrates +-0.01 a step, so that closing takes about a
+    hundred steps of the same sign and random actions never close the hand.
+    """
+
+    def format_action(self, action):
+        """Turn one command in [-1, 1] into the three finger actuators' commands."""
+        if action[0] > GRIPPER_DEADBAND:
+            self.target = CLOSED_ANGLE
+        elif action[0] < -GRIPPER_DEADBAND:
+            self.target = OPEN_ANGLE
+        self.angle += np.clip(self.target - self.angle, -FINGER_STEP, FINGER_STEP)
+        self.current_action = np.full(3, 2 * self.angle / FINGER_RANGE - 1)
+        return self.current_action
+
+    def open(self):
+        """Command the hand open at once, as at the start of an episode."""
+        self.target = self.angle = OPEN_ANGLE
+
+    @property
+    def dof(self):
+        """One command for three fingers."""
+        return 1
+
+
+class Workspace(ManipulationEnv):
+    """Pick-and-place among obstacles as a robosuite environment.
+
+    Parameters
+    ----------
+    fast : bool
+        True: collision shapes are primitives and the physics step is `FAST_TIMESTEP`, to be driven
+        by `rlihf_lib.task.control`. False: robosuite's meshes, timestep and `step`, unchanged; the
+        reference for speed and for correctness.
+    control_freq : float
+        Control steps per second.
+    seed : int
+        Seeds the placement; `reseed` does so later.
+    """
+
+    FAST_TIMESTEP = 0.004
+
+    def __init__(self, fast=True, control_freq=10, seed=0, **kwargs):
+        self.fast = fast
+        self.placement_rng = np.random.default_rng(seed)
+        self.placement = {}
+        controller = load_composite_controller_config(controller="BASIC", robot="Jaco")
+        arm = controller["body_parts"]["right"]
+        arm.update(input_type="absolute", input_ref_frame="world", uncouple_pos_ori=False)
+        defaults = {
+            "has_renderer": False,
+            "has_offscreen_renderer": False,
+            "use_camera_obs": False,
+            "ignore_done": True,
+            "hard_reset": False,
+        }
+        super().__init__(
+            robots="Jaco",
+            controller_configs=controller,
+            gripper_types="JacoPersistentGripper",
+            initialization_noise=None,
+            control_freq=control_freq,
+            **{**defaults, **kwargs},
+        )
+
+    def _load_model(self):
+        super()._load_model()
+        robot = self.robots[0].robot_model
+        table_size = (0.8, 0.8, 0.05)
+        robot.set_base_xpos(robot.base_xpos_offset["table"](table_size[0]))
+        self.robots[0].init_qpos[0] += START_TURN
+        arena = TableArena(table_full_size=table_size, table_offset=(0, 0, TABLE_HEIGHT))
+        arena.set_origin([0, 0, 0])
+        self.objects = [
+            CanObject("can"),
+            LemonObject("lemon"),
+            CerealObject("cereal"),
+            BottleObject("bottle"),
+            BreadObject("bread"),
+        ]
+        # The goal is a mark, not an obstacle: visible, without contacts, not moved by physics.
+        self.goal = CylinderObject(
+            "goal", size=[0.045, 0.004], rgba=[0.5, 0.5, 0.5, 1], joints=None, obj_type="visual"
+        )
+        self.model = ManipulationTask(arena, [robot], [*self.objects, self.goal])
+
+    def _initialize_sim(self, xml_string=None):
+        if self.fast and xml_string is None:
+            xml_string = _with_primitives(self.model.get_xml())
+        super()._initialize_sim(xml_string)
+        if self.fast:
+            self.sim.model._model.opt.timestep = self.FAST_TIMESTEP
+            self.model_timestep = self.FAST_TIMESTEP
+
+    def _setup_references(self):
+        super()._setup_references()
+        model = self.sim.model._model
+        self.body_ids = {o.name: model.body(o.root_body).id for o in [*self.objects, self.goal]}
+        self.qpos_address = {o.name: model.joint(o.joints[0]).qposadr[0] for o in self.objects}
+        self.geom_ids = {
+            name: np.array(
+                [g for g in range(model.ngeom) if model.geom_bodyid[g] == i and _collides(model, g)]
+            )
+            for name, i in self.body_ids.items()
+        }
+
+    def _reset_internal(self):
+        super()._reset_internal()
+        self.robots[0].gripper["right"].open()
+        model, data = self.sim.model._model, self.sim.data._data
+        self.placement = {}
+        for name, (place, jitter) in PLACES.items():
+            xy = np.asarray(place) + self.placement_rng.uniform(-jitter, jitter, 2)
+            if name == "goal":
+                z = TABLE_HEIGHT + 0.004
+                model.body_pos[self.body_ids[name]] = [*xy, z]
+            else:
+                z = TABLE_HEIGHT + self.standing_height(name)
+                address = self.qpos_address[name]
+                data.qpos[address : address + 7] = [*xy, z, 1, 0, 0, 0]
+            self.placement[name] = np.array([*xy, z])
+
+    def standing_height(self, name):
+        """Height of an object's centre over what it stands on, metres."""
+        model = self.sim.model._model
+        geom = self.geom_ids[name][0]
+        centre, half = model.geom_aabb[geom][:3], model.geom_aabb[geom][3:]
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+        extent = np.abs(rotation.reshape(3, 3)) @ half
+        lowest = model.geom_pos[geom] + rotation.reshape(3, 3) @ centre
+        return float(extent[2] - lowest[2])
+
+    def reseed(self, seed):
+        """Start the placements of this environment anew from `seed`."""
+        self.placement_rng = np.random.default_rng(seed)
+
+    def reward(self, action=None):
+        """Sparse reward: 1 in the step that finds the can placed, else 0."""
+        return float(self._check_success())
+
+    def _check_success(self):
+        can = self.sim.data.body_xpos[self.body_ids["can"]]
+        return bool(np.linalg.norm(can[:2] - self.placement["goal"][:2]) < 0.04)
+
+
+def _collides(model, geom):
+    return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+
+
+def _with_primitives(xml):
+    """Replace collision meshes by fitted primitives and the table's top by a plane."""
+    root = ET.fromstring(xml)
+    for compiler in root.iter("compiler"):
+        compiler.set("fitaabb", "true")  # else primitives come out at 85 % of the meshes' size
+    for geom in root.iter("geom"):
+        name = geom.get("name", "")
+        if name == "table_collision":
+            geom.set("type", "plane")
+            geom.set("pos", f"0 0 {geom.get('size').split()[2]}")
+        if name.endswith(GRASPING) or name.startswith(("can", *OBSTACLES)):
+            geom.set("solref", "0.012 2")
+            geom.set("solimp", "0.9 0.95 0.005")
+        if name.endswith(GRASPING) or name.startswith(("can", "lemon")):
+            # Rolling friction, which the models state and condim 4 leaves out: without it the lemon
+            # never comes to rest and the can tilts in the hand by 17 degrees.
+            geom.set("condim", "6")
+        visual = geom.get("contype") == "0" and geom.get("conaffinity") == "0"
+        if geom.get("mesh") is None or visual:
+            continue
+        for prefix, primitive in PRIMITIVES.items():
+            if name.startswith(prefix):
+                geom.set("type", primitive)
+    return ET.tostring(root, encoding="unicode")
