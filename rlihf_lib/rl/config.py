@@ -10,7 +10,7 @@ CONDITIONS = ("sparse", "dense", "rlihf")
 
 @dataclass(frozen=True)
 class RunConfig:
-    """One training run. A run is a pure function of this object (and of the p(error) rows it names)."""
+    """One training run. A pure function of this object and of the p(error) rows it names."""
 
     condition: str
     """Training reward: "sparse", "dense" or "rlihf"."""

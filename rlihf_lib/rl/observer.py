@@ -1,11 +1,11 @@
 """The simulated person: which moments look wrong, and what their EEG then says.
 
-The rule, in words: *The observer expects the robot to get on with it. A moment looks right when the
-robot comes visibly closer to having done the task than it has been within memory; it looks wrong
-when the robot stands still, drifts, goes back, or makes up for ground it has just lost, and always
-when hand or can come uncomfortably close to something that is not to be touched.* Memory of the best
-so far fades slowly, so that after a failure the observer is soon content with progress from where
-the robot now is. The rule is the same for every subject and weight, depends only on what has been
+The rule, in words: *The observer expects the robot to get on with it. A moment looks right when
+the robot comes visibly closer to having done the task than it has been within memory; it looks
+wrong when the robot stands still, drifts, goes back, or makes up for ground it has just lost, and
+always when hand or can come uncomfortably close to something that is not to be touched.* Memory of
+the best so far fades slowly, so that after a failure the observer is soon content with progress
+from where the robot now is. The rule is the same for every subject and weight, depends only on what has been
 seen, and uses the same length of remaining path in every stage: reaching, closing, lifting,
 carrying, lowering, opening.
 """

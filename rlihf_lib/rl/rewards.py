@@ -1,13 +1,15 @@
 """Sparse, dense and RLIHF rewards, and the one reward that judges them all.
 
 The can standing on the goal is an absorbing state worth `PLACED` a step for ever. Episodes end
-there, and what the learner would have collected is paid at once, `PLACED / (1 - discount)`: the same
-values for the learner as an episode that runs on, without filling the replay buffer with a finished
-task. As every other reward is below `PLACED`, nothing pays better than finishing.
+there, and what the learner would have collected is paid at once, `PLACED / (1 - discount)`: the
+same values for the learner as an episode that runs on, without filling the replay buffer with a
+finished task. As every other reward is below `PLACED`, nothing pays better than finishing.
 """
 
 import gymnasium as gym
 import numpy as np
+
+from rlihf_lib.task.path import GRASP_WORTH, LIFT
 
 PLACED = 1.0
 COLLISION = -0.5
@@ -46,8 +48,6 @@ def alignment_reward(moment, path):
     float
         In [0, 0.9].
     """
-    from rlihf_lib.task.path import GRASP_WORTH, LIFT
-
     left = moment.remaining
     held = path.carry_length
     if left <= held + 1e-9:

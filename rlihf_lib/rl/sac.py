@@ -1,7 +1,7 @@
 """Soft Actor-Critic: Stable-Baselines3's, with critics and updates computed together.
 
-The algorithm, its interface and its defaults are `stable_baselines3.SAC` (Haarnoja et al. 2018). Two
-things differ. The critics' weights are stacked, so that one batched product serves both, and their
+The algorithm and its interface are `stable_baselines3.SAC` (Haarnoja et al. 2018). Two things
+differ. The critics' weights are stacked, so that one batched product serves both, and their
 hidden layers are normalised (`LayerNorm`), which keeps values from running away under noisy rewards
 (Ball et al. 2023, RLPD). And one update is written out without the bookkeeping that takes half the
 time for networks this small.
@@ -9,6 +9,7 @@ time for networks this small.
 
 import math
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -64,7 +65,7 @@ class StackedCritic(nn.Module):
         super().__init__()
         sizes = [in_features, *hidden, 1]
         self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
-        for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+        for n_in, n_out in pairwise(sizes):
             bound = 1 / math.sqrt(n_in)  # torch.nn.Linear's initialisation
             self.weights.append(torch.empty(n_critics, n_in, n_out).uniform_(-bound, bound))
             self.biases.append(torch.empty(n_critics, 1, n_out).uniform_(-bound, bound))

@@ -25,7 +25,7 @@ def expert_action(env):
         return _towards(env, can, CLOSE)
     if beside < 0.015 and offset[2] > 0:
         return _towards(env, can, OPEN)
-    return _towards(env, can + [0, 0, HOVER], OPEN)
+    return _towards(env, can + np.array([0, 0, HOVER]), OPEN)
 
 
 def _towards(env, target, gripper):

@@ -77,8 +77,8 @@ class PickPlaceEnv(gym.Env):
     control_freq : float
         Control steps per second.
     workspace : Workspace, optional
-        To use instead of a new, fast one; with `Workspace(fast=False)` robosuite's own `step` drives
-        the same task, about five times slower.
+        To use instead of a new, fast one; with `Workspace(fast=False)` robosuite's own `step`
+        drives the same task, several times slower.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)

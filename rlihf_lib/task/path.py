@@ -8,6 +8,8 @@ the length that is left; beside it, coming back costs `DETOUR` times the distanc
     D(x) = min_q  DETOUR * |x - q| + length left at q,      q on the ideal path.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 LIFT = 0.10  # metres the can is lifted before it is carried
@@ -113,7 +115,7 @@ def _sample(vertices):
     """Points every centimetre along a polyline and the length left at each, metres."""
     pieces = [
         np.linspace(a, b, max(1, round(np.linalg.norm(b - a) / _SPACING)), endpoint=False)
-        for a, b in zip(vertices[:-1], vertices[1:], strict=True)
+        for a, b in pairwise(vertices)
     ]
     points = np.vstack([*pieces, vertices[-1:]])
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)

@@ -63,8 +63,8 @@ PRIMITIVES = {
 # Robosuite's contacts (can: 1 ms, fingertips underdamped) squeeze the can out of the hand at a 4 ms
 # step (0-2 of 12 grasps hold); 12 ms, overdamped and 5 mm wide hold it in 24 of 24.
 GRASPING = ("tip_collision", "pad_collision", "distal_collision")
-# Finger joints: 1.2 rad is open; 0.6 rad is closed round a can. Commanded to 0, the fingers creep on
-# round the can and throw it over when they open; so they do when they open at once.
+# Finger joints: 1.2 rad is open; 0.6 rad is closed round a can. Commanded to 0, the fingers creep
+# on round the can and throw it over when they open; so they do when they open at once.
 OPEN_ANGLE, CLOSED_ANGLE, FINGER_RANGE = 1.2, 0.6, 1.51
 FINGER_STEP = 0.15  # rad per control step: 1.5 rad/s at 10 Hz
 START_TURN = 0.35  # rad of the arm's first joint away from robosuite's start, towards the can
@@ -78,6 +78,11 @@ class JacoPersistentGripper(JacoThreeFingerGripperBase):
     robosuite's own one-action version integrates +-0.01 a step, so that closing takes about a
     hundred steps of the same sign and random actions never close the hand.
     """
+
+    @property
+    def init_qpos(self):
+        """Finger joints at the start, rad: open."""
+        return np.tile([OPEN_ANGLE, OPEN_ANGLE / 2], 3)
 
     def format_action(self, action):
         """Turn one command in [-1, 1] into the three finger actuators' commands."""
