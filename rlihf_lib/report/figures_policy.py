@@ -234,7 +234,7 @@ def safety_figure(runs, total_steps, caption=""):
             ax.plot(position + 0.25, scores.mean(), "D", color=color, markersize=4)
         ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
         ax.set_xticks(range(3), [LABELS[c].removeprefix("RL ") for c in paper.CONDITIONS])
-        ax.set_ylim(bottom=min(0, ax.get_ylim()[0]))
+        ax.set_ylim(0, 1.1 * per_run[metric].max() or 1)
     note(fig, caption)
     return fig
 
