@@ -1,7 +1,7 @@
 """The ErrP-HRI recordings (`dataset`): download, resume, verify.
 
-Of its two scenarios, `cursor` is the default. The paper does not name one, but reports accuracies of
-70 to 90 %, which is what `cursor` gives; `robot` gave 69.0 +- 7.9 % even within subjects.
+Of its two scenarios, `cursor` is the default: the paper names none, but reports accuracies of 70 to
+90 %, which `cursor` gives across subjects; `robot` gave 69.0 +- 7.9 % even within subjects.
 """
 
 import hashlib

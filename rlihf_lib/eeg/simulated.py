@@ -33,6 +33,24 @@ class Component:
     moment: float  # nAm
 
 
+#: Of each subject, s02 to s13: amplitude of the error response; latency of the whole response, s;
+#: oddness, which scales how far the person's components lie from the typical ones.
+_PEOPLE = {
+    "s02": (0.85, 0.025, 1.00),
+    "s03": (0.95, -0.030, 1.10),
+    "s04": (1.90, 0.000, 0.30),
+    "s05": (0.70, -0.048, 2.10),
+    "s06": (0.65, 0.015, 1.60),
+    "s07": (0.65, 0.010, 0.70),
+    "s08": (0.82, -0.015, 1.00),
+    "s09": (0.92, -0.006, 0.60),
+    "s10": (0.88, 0.055, 1.25),
+    "s11": (0.68, 0.020, 1.30),
+    "s12": (0.70, -0.025, 1.80),
+    "s13": (1.25, -0.010, 0.50),
+}
+
+
 @dataclass(frozen=True)
 class Model:
     """Parameters of the simulation; notebook 01 says where each comes from."""
@@ -40,36 +58,37 @@ class Model:
     #: Evoked by any feedback: visual P1, N1, and a P3.
     feedback: tuple[Component, ...] = (
         Component("P1", 0.105, 0.018, (0.0, -0.70, 0.10), (0.0, -0.9, 0.3), 12.0),
-        Component("N1", 0.170, 0.022, (0.0, -0.65, 0.15), (0.0, 0.9, -0.4), 18.0),
-        Component("P2", 0.220, 0.030, (0.0, 0.05, 0.60), (0.0, 0.0, 1.0), 8.0),
-        Component("P3", 0.400, 0.080, (0.0, -0.35, 0.55), (0.0, -0.3, 1.0), 18.0),
+        Component("N1", 0.170, 0.022, (0.0, -0.65, 0.15), (0.0, 0.9, -0.4), 14.4),
+        Component("P2", 0.220, 0.030, (0.0, 0.05, 0.60), (0.0, 0.0, 1.0), 5.6),
+        Component("P3", 0.400, 0.080, (0.0, -0.35, 0.55), (0.0, -0.3, 1.0), 10.8),
     )
     #: Evoked by a perceived error, on top of `feedback`.
     error: tuple[Component, ...] = (
-        Component("early positivity", 0.145, 0.026, (0.0, 0.10, 0.60), (0.0, 0.2, 1.0), 8.0),
-        Component("error negativity", 0.236, 0.022, (0.0, 0.25, 0.55), (0.0, 0.4, -1.0), 20.0),
-        Component("error positivity", 0.318, 0.030, (0.0, 0.10, 0.55), (0.0, 0.2, 1.0), 26.0),
-        Component("late negativity", 0.445, 0.040, (0.0, 0.00, 0.50), (0.0, 0.0, -1.0), 16.0),
+        Component("early positivity", 0.164, 0.024, (0.0, 0.10, 0.60), (0.0, 0.2, 1.0), 10.0),
+        Component("error negativity", 0.238, 0.024, (0.0, 0.32, 0.52), (0.0, 0.3, -1.0), 24.0),
+        Component("error positivity", 0.318, 0.029, (0.0, 0.10, 0.55), (0.0, 0.2, 1.0), 22.0),
+        Component("late negativity", 0.428, 0.028, (0.0, 0.05, 0.55), (0.0, 0.1, -1.0), 13.0),
+        Component("parietal positivity", 0.420, 0.060, (0.0, -0.50, 0.40), (0.0, -1.0, 0.6), 22.0),
+        Component("frontal positivity", 0.550, 0.060, (0.0, 0.42, 0.40), (0.0, 1.0, 0.7), 18.0),
+        Component("visual negativity", 0.260, 0.030, (0.0, -0.60, 0.15), (0.0, 1.0, -0.1), 16.0),
     )
     jitter: float = 0.020  # s, latency from trial to trial
     trial_spread: float = 0.35  # log-normal sigma of the amplitude from trial to trial
-    lapse: float = 0.04  # share of errors that evoke nothing
+    lapse: float = 0.02  # share of errors that evoke nothing
     frequent: float = 0.75  # amplitude where half of the trials are errors, relative to a fifth
-    subject_shift: float = 0.025  # s, latency of the whole response between subjects
-    subject_latency: float = 0.010  # s, latency of each component between subjects
-    subject_spread: float = 0.30  # log-normal sigma of each component's amplitude
-    subject_position: float = 0.06  # head radii
-    subject_direction: float = 0.25  # rad
+    subject_latency: float = 0.014  # s, latency of each component between subjects
+    subject_spread: float = 0.40  # log-normal sigma of each component's amplitude
+    subject_position: float = 0.10  # head radii
+    subject_direction: float = 0.30  # of the unit vector, along each axis
     background: float = 7.0  # uV, RMS of the 1/f activity, mean over EEG channels
     exponent: float = 1.2  # its power falls as 1/f^exponent
-    background_spread: float = 0.5  # log-normal sigma of the generators' power between subjects
+    background_spread: float = 0.8  # log-normal sigma of the generators' power between subjects
     alpha: float = 4.0  # uV RMS at the occipital electrodes
-    noise: float = 0.8  # uV RMS, amplifier and electrode, each electrode on its own
+    noise: float = 0.5  # uV RMS, amplifier and electrode, each electrode on its own
     blinks: float = 0.15  # per second
     human_error: float = 0.015  # share of trials in which the subject pressed the wrong key
     resolution: float = 0.05  # uV, of the amplifier
-    #: Amplitude of the error response of each subject.
-    gain: dict = field(default_factory=lambda: dict.fromkeys(SUBJECTS, 1.0))
+    people: dict = field(default_factory=lambda: dict(_PEOPLE))
     seed: int = 20250713
 
 
@@ -125,7 +144,7 @@ def simulate(subject, model=MODEL):
     trials, events, duration = _protocol(course, model)
     n_samples = int(duration * SFREQ)
     data = _background(n_samples, noise, person, model)
-    _add_responses(data, trials, model.gain[subject], person, course, model)
+    _add_responses(data, trials, subject, person, course, model)
     _add_eyes(data, trials, eyes, model)
     _add_movements(data, eyes)
     # Rounding to the amplifier's resolution also makes the file the same on every machine: what
@@ -223,7 +242,7 @@ def _cortex():
     height = 1 - 2 * (np.arange(n) + 0.5) / n
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(n)
     across = np.sqrt(1 - height**2)
-    shell = 0.75 * np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+    shell = 0.40 * np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
     return lead_field(shell[height > -0.5])
 
 
@@ -265,29 +284,29 @@ def _background(n_samples, rng, person, model):
     return data + model.noise * (_root(noise) @ rng.standard_normal(data.shape))
 
 
-def _person(components, person, model):
+def _person(components, oddness, person, model):
     """Topography (channel, component) in uV and latencies in s of one subject's components."""
     n = len(components)
     position = np.array([c.position for c in components])
-    position = position + model.subject_position * person.standard_normal((n, 3))
+    position = position + oddness * model.subject_position * person.standard_normal((n, 3))
     position *= np.minimum(1.0, 0.8 / np.linalg.norm(position, axis=1))[:, None]
     direction = np.array([c.direction for c in components], dtype=float)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    direction = direction + np.tan(model.subject_direction) * person.standard_normal((n, 3)) / 1.5
+    direction = direction + oddness * model.subject_direction * person.standard_normal((n, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     moment = np.array([c.moment for c in components])
-    moment = moment * np.exp(model.subject_spread * person.standard_normal(n))
+    moment = moment * np.exp(oddness * model.subject_spread * person.standard_normal(n))
     latency = np.array([c.latency for c in components])
-    latency = latency + model.subject_latency * person.standard_normal(n)
+    latency = latency + oddness * model.subject_latency * person.standard_normal(n)
     topography = np.einsum("csd,sd,s->cs", lead_field(position), direction, moment)
     return topography, latency, np.array([c.width for c in components])
 
 
-def _add_responses(data, trials, gain, person, rng, model):
+def _add_responses(data, trials, subject, person, rng, model):
     """Add each trial's response to feedback and, on errors, the error response."""
-    shift = model.subject_shift * person.standard_normal()
-    always = _person(model.feedback, person, model)
-    on_error = _person(model.error, person, model)
+    gain, shift, oddness = model.people[subject]
+    always = _person(model.feedback, oddness, person, model)
+    on_error = _person(model.error, oddness, person, model)
     for onset, error, chance, _ in trials:
         delay, spread, attention = rng.standard_normal(), rng.standard_normal(), rng.random()
         first = int(np.ceil(onset * SFREQ))

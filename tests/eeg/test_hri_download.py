@@ -1,4 +1,4 @@
-"""The ErrP-HRI download, against a local server that serves files as the repository lays them out."""
+"""The ErrP-HRI download, against a local server laid out as the repository is."""
 
 import contextlib
 import threading
@@ -175,7 +175,7 @@ def test_files_placed_by_hand_need_no_network(blobs, tmp_path, monkeypatch):
 
 def test_without_network_the_error_says_what_to_place_where(blobs, tmp_path, monkeypatch):
     monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
-    with pytest.raises(OSError, match="place s02_cursor.fdt") as problem:
+    with pytest.raises(OSError, match=r"place s02_cursor\.fdt") as problem:
         hri.recording("s02", url="http://127.0.0.1:9", blobs=blobs)
     assert str(folder(tmp_path) / "cursor" / "s02_cursor.fdt") in str(problem.value)
 
@@ -187,5 +187,5 @@ def test_a_missing_file_on_the_server_is_named(server, blobs):
 
 
 def test_an_unknown_subject_is_named():
-    with pytest.raises(ValueError, match="'s99'.*s02, s03"):
+    with pytest.raises(ValueError, match=r"'s99'.*s02, s03"):
         hri.recording("s99")
