@@ -64,7 +64,7 @@ PROFILES = {
             seeds=(0,),
             total_steps=3_000,
             eval_every=1_000,
-            decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=1, n_permutations=100),
+            decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=2, n_permutations=100),
             horizon=150,
             eval_rollouts=2,
         ),
@@ -75,7 +75,7 @@ PROFILES = {
             seeds=(0, 1),
             total_steps=40_000,
             eval_every=4_000,
-            decoder=DecoderSizes(max_epochs=100, patience=15, ensemble=4, n_permutations=1_000),
+            decoder=DecoderSizes(max_epochs=20, patience=8, ensemble=8, n_permutations=1_000),
         ),
         Profile(
             name="paper",
@@ -84,7 +84,7 @@ PROFILES = {
             seeds=(0, 1, 2, 3, 4),
             total_steps=150_000,
             eval_every=5_000,
-            decoder=DecoderSizes(max_epochs=100, patience=15, ensemble=4, n_permutations=1_000),
+            decoder=DecoderSizes(max_epochs=20, patience=8, ensemble=8, n_permutations=1_000),
         ),
     )
 }

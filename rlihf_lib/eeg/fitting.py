@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import torch
 from torch.nn import functional as F
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from rlihf_lib.eeg.calibration import fit_temperature
 from rlihf_lib.eeg.decoder import Decoder
@@ -17,11 +18,11 @@ from rlihf_lib.files import sha256
 class DecoderSettings:
     """Everything that decides what a decoder learns, except the data."""
 
-    max_epochs: int = 100
+    max_epochs: int = 20
     """Passes over the training subjects at most."""
-    patience: int = 15
+    patience: int = 8
     """Passes without a better validation loss after which a network stops."""
-    ensemble: int = 4
+    ensemble: int = 8
     """Networks per fold, each with its own seed and validation subjects; their log-odds are
     averaged."""
     n_permutations: int = 1000
@@ -34,9 +35,11 @@ class DecoderSettings:
     eog: bool = False
     """Whether EOG channels are decoded too; only to check what they contribute."""
     batch_size: int = 64
-    learning_rate: float = 1e-3
-    """Of Adam, as published."""
+    learning_rate: float = 3e-3
+    """Of Adam at the start; it falls to zero along a cosine over `max_epochs` passes."""
     weight_decay: float = 0.0
+    averaging: float = 0.99
+    """Weight of the past in the running mean of each network's weights, which is what is used."""
     dropout: float = 0.25
     """Published value for decoding across subjects."""
     seed: int = 0
@@ -158,6 +161,10 @@ def _train(networks, x, y, training, validation, seeds, settings):
         fused=True,
     )
     generators = [torch.Generator().manual_seed(seed) for seed in seeds]
+    averaged = AveragedModel(
+        networks, multi_avg_fn=get_ema_multi_avg_fn(settings.averaging), use_buffers=True
+    )
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.max_epochs)
     with torch.no_grad():
         means, seconds = networks.patch_moments(x.transpose(0, 1).contiguous())
     shortest = min(len(rows) for rows in training)
@@ -184,18 +191,20 @@ def _train(networks, x, y, training, validation, seeds, settings):
             loss.sum().backward()
             optimizer.step()
             networks.constrain()
+            averaged.update_parameters(networks)
             training_loss = training_loss + loss.detach() / order.shape[1]
-        losses = _validation_losses(networks, x, y, validation)
+        losses = _validation_losses(averaged.module, x, y, validation)
         for network, loss in enumerate(losses):
             history.append((network, number, float(training_loss[network]), loss))
             if loss < best_loss[network]:
                 best_loss[network], best_pass[network] = loss, number
                 best_state[network] = {
                     name: value.detach().clone()
-                    for name, value in networks.network_state(network).items()
+                    for name, value in averaged.module.network_state(network).items()
                 }
         if number - max(best_pass) >= settings.patience:
             break
+        schedule.step()
     networks.load_network_states(best_state)
     return pd.DataFrame(history, columns=["network", "pass", "training_loss", "validation_loss"])
 
