@@ -96,7 +96,8 @@ def _runs_status(study, stage, title, workers, counted):
     try:
         configs = study.run_configs(stage)
     except FileNotFoundError:  # the decoder says later who the policy subjects are
-        n = (profile.n_policy_subjects or 12) * len(profile.seeds)
+        wanted = profile.n_ablation_subjects if stage == "ablation" else profile.n_policy_subjects
+        n = (wanted or 12) * len(profile.seeds)
         n_weights = len(profile.weights) if stage == "ablation" else 1
         n_new = n * (n_weights - 1 if stage == "ablation" else 1)
         done, missing = 0, n * n_weights

@@ -37,6 +37,8 @@ class Profile:
     """Subjects decoded, the first of the source; None = all of them."""
     n_policy_subjects: int | None
     """Subjects whose decoded feedback trains policies; None = every decoded one."""
+    n_ablation_subjects: int | None
+    """Of the policy subjects, how many also get the other weights; None = all."""
     seeds: tuple[int, ...]
     """One run per seed, condition, weight and policy subject (paper: five)."""
     total_steps: int
@@ -61,6 +63,7 @@ PROFILES = {
             name="smoke",
             n_subjects=3,
             n_policy_subjects=1,
+            n_ablation_subjects=1,
             seeds=(0,),
             total_steps=3_000,
             eval_every=1_000,
@@ -72,8 +75,9 @@ PROFILES = {
             name="quick",
             n_subjects=12,
             n_policy_subjects=3,
+            n_ablation_subjects=1,
             seeds=(0, 1),
-            total_steps=40_000,
+            total_steps=20_000,
             eval_every=4_000,
             decoder=DecoderSizes(max_epochs=20, patience=8, ensemble=8, n_permutations=1_000),
         ),
@@ -81,6 +85,7 @@ PROFILES = {
             name="paper",
             n_subjects=None,
             n_policy_subjects=None,
+            n_ablation_subjects=None,
             seeds=(0, 1, 2, 3, 4),
             total_steps=150_000,
             eval_every=5_000,
@@ -185,12 +190,17 @@ class Study:
             )
         return table
 
-    def policy_subjects(self):
+    def policy_subjects(self, ablation=False):
         """Choose the subjects for whom policies are trained, before any policy is seen.
 
         The decoded subjects are sorted by the AUROC of their held-out epochs and
         `n_policy_subjects` are taken at equal distances of rank: with three, the weakest, the
         median and the strongest decoder; with one, the median.
+
+        Parameters
+        ----------
+        ablation : bool
+            Choose the `n_ablation_subjects` of the ablation instead.
 
         Returns
         -------
@@ -198,7 +208,9 @@ class Study:
             In the order of the table of scores.
         """
         scores = _read_table(self.decoder / "scores.csv", ("subject", "auroc"))
-        count = min(self.profile.n_policy_subjects or len(scores), len(scores))
+        profile = self.profile
+        wanted = profile.n_ablation_subjects if ablation else profile.n_policy_subjects
+        count = min(wanted or len(scores), len(scores))
         ranked = scores.sort_values(["auroc", "subject"])["subject"].tolist()
         middle = (len(ranked) - 1) / 2
         ranks = np.linspace(0, len(ranked) - 1, count) if count > 1 else np.array([middle])
@@ -249,7 +261,7 @@ class Study:
                 **sizes,
             )
             for w_hf in (profile.weights if stage == "ablation" else (profile.w_hf,))
-            for subject in self.policy_subjects()
+            for subject in self.policy_subjects(ablation=stage == "ablation")
             for seed in profile.seeds
         ]
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import expit
+from scipy.special import expit, logit
 
 
-def fit_temperature(log_odds, labels):
-    """Find the temperature T with which sigmoid(log-odds / T) has the smallest cross-entropy.
+def fit_temperature(log_odds, labels, prior_log_odds=0.0):
+    """Find the temperature T with which `probability` has the smallest cross-entropy.
 
     Guo, Pleiss, Sun, Weinberger (2017), On calibration of modern neural networks, ICML, sec. 4.2.
 
@@ -16,6 +16,8 @@ def fit_temperature(log_odds, labels):
         Of validation epochs: logit of error minus logit of correct.
     labels : ndarray, shape (n,)
         1 = error, 0 = correct.
+    prior_log_odds : ndarray, shape (n,)
+        Log-odds of an error before looking at the EEG.
 
     Returns
     -------
@@ -25,7 +27,8 @@ def fit_temperature(log_odds, labels):
     signs = 2 * np.asarray(labels) - 1
 
     def cross_entropy(log_temperature):
-        return np.logaddexp(0, -signs * log_odds * np.exp(-log_temperature)).mean()
+        evidence = log_odds * np.exp(-log_temperature)
+        return np.logaddexp(0, -signs * (evidence + prior_log_odds)).mean()
 
     best = minimize_scalar(
         cross_entropy, bounds=(np.log(0.05), np.log(20)), method="bounded", options={"xatol": 1e-6}
@@ -33,9 +36,23 @@ def fit_temperature(log_odds, labels):
     return float(np.exp(best.x))
 
 
-def probability(log_odds, temperature=1.0):
-    """Return p(error) = sigmoid(log-odds / T), Eq. (1) for two classes with temperature T."""
-    return expit(np.asarray(log_odds) / temperature)
+def probability(log_odds, temperature=1.0, prior=0.5):
+    """Return p(error), Eq. (1) with temperature T and the errors to expect.
+
+    Parameters
+    ----------
+    log_odds : ndarray, shape (n,)
+        Evidence of an error in the EEG: logit of error minus logit of correct.
+    temperature : float
+    prior : float
+        Fraction of errors to expect.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        sigmoid(log-odds / T + logit(prior)).
+    """
+    return expit(np.asarray(log_odds) / temperature + logit(prior))
 
 
 def reliability(p_error, labels, n_bins=10):

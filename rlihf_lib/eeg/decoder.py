@@ -67,7 +67,7 @@ class Decoder:
 
     def p_error(self, signals):
         """Return calibrated p(error), Eq. (3), shape (n,); parameters as in `log_odds`."""
-        return probability(self.log_odds(signals), self.temperature)
+        return probability(self.log_odds(signals), self.temperature, self.prior)
 
     def save(self, path):
         """Write weights and everything needed to use them to a safetensors file, atomically."""

@@ -123,7 +123,7 @@ def loader(eeg):
 def load_subject(load, subject, settings=DEFAULTS):
     """Load one subject's epochs as `signals.SubjectEpochs`."""
     epochs = load[subject] if isinstance(load, Mapping) else load(subject)
-    return SubjectEpochs.from_mne(subject, epochs, eog=settings.eog)
+    return SubjectEpochs.from_mne(subject, epochs, settings.channels)
 
 
 def load_decoder(folder, subject):
@@ -174,8 +174,8 @@ def _run_fold(argument):
             "subject": fold.test,
             "epoch": held_out.index,
             "label": held_out.labels,
-            "p_error": probability(log_odds, decoder.temperature),
-            "p_error_raw": probability(log_odds),
+            "p_error": probability(log_odds, decoder.temperature, decoder.prior),
+            "p_error_raw": probability(log_odds, prior=decoder.prior),
         }
     )
     target = folder / "folds" / fold.test
@@ -188,7 +188,7 @@ def _run_fold(argument):
 
 def _score(fold, fitted, table, latencies, settings):
     decoder, validation = fitted.decoder, fitted.validation
-    p_validation = probability(validation["log_odds"], decoder.temperature)
+    p_validation = probability(validation["log_odds"], decoder.temperature, decoder.prior)
     rng = np.random.default_rng(settings.seed)
     row = {
         "subject": fold.test,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import torch
+from scipy.special import logit
 from torch.nn import functional as F
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
@@ -32,8 +33,8 @@ class DecoderSettings:
     window: tuple = (0.0, 1.0)
     """Seconds after the feedback that are decoded, as far as the epochs reach. All components of
     the error potential lie within."""
-    eog: bool = False
-    """Whether EOG channels are decoded too; only to check what they contribute."""
+    channels: str = "eeg"
+    """Decoded channels: "eeg", or to check what eye movements contribute "eog" or "all"."""
     batch_size: int = 64
     learning_rate: float = 3e-3
     """Of Adam at the start; it falls to zero along a cosine over `max_epochs` passes."""
@@ -86,14 +87,16 @@ def fit_fold(pool, input_format, settings, device="auto"):
     Notes
     -----
     All networks of the fold are trained as one (`eegnet.EEGNetBatch`), by Adam on the
-    cross-entropy of unweighted classes, so that p(error) means the fraction of errors to expect.
+    cross-entropy. How many errors a subject makes is added to the logits, as its prior log-odds
+    (logit adjustment: Menon et al. 2021, ICLR, here per subject). What is left to learn is the
+    evidence in the EEG, not who makes many errors.
     Each network keeps the weights of the pass with the lowest loss on its validation subjects.
     One temperature is then fitted to the log-odds that the networks give their own validation
     subjects.
     """
     device = choose_device(device)
     fold = pool.fold
-    x, y, rows = _concatenate(pool, device)
+    x, y, offsets, rows = _concatenate(pool, device)
     training, validation = (
         [torch.cat([rows[s] for s in subjects]) for subjects in per_network]
         for per_network in (
@@ -111,9 +114,9 @@ def fit_fold(pool, input_format, settings, device="auto"):
     networks = EEGNetBatch(architecture, seeds).to(device)
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seeds[0])  # dropout
-        history = _train(networks, x, y, training, validation, seeds, settings)
+        history = _train(networks, x, y, offsets, training, validation, seeds, settings)
     networks = networks.double().eval().cpu()
-    x, y = x.double().cpu(), y.cpu().numpy()
+    x, y, offsets = x.double().cpu(), y.cpu().numpy(), offsets.cpu().numpy()
     results = []
     for network, subjects in enumerate(fold.validation):
         for subject in subjects:
@@ -127,6 +130,7 @@ def fit_fold(pool, input_format, settings, device="auto"):
                         "subject": subject,
                         "label": y[rows[subject].cpu()],
                         "log_odds": (logits[:, 1] - logits[:, 0]).numpy(),
+                        "prior_log_odds": offsets[rows[subject].cpu()],
                     }
                 )
             )
@@ -134,25 +138,29 @@ def fit_fold(pool, input_format, settings, device="auto"):
     decoder = Decoder(
         input_format=input_format,
         networks=networks,
-        temperature=fit_temperature(scored["log_odds"].to_numpy(), scored["label"].to_numpy()),
+        temperature=fit_temperature(
+            *(scored[name].to_numpy() for name in ("log_odds", "label", "prior_log_odds"))
+        ),
         prior=float(y.mean()),
     )
     return FittedFold(decoder, scored, history)
 
 
 def _concatenate(pool, device):
-    """Join the subjects: epochs (n_channels, n, m), labels (n,), and each subject's rows."""
-    rows, first = {}, 0
+    """Join the subjects: epochs (n_channels, n, m), labels and prior log-odds (n,), their rows."""
+    rows, offsets, first = {}, [], 0
     for subject, (_, labels) in pool.items():
         rows[subject] = torch.arange(first, first + len(labels), device=device)
+        offsets.append(np.full(len(labels), logit(labels.mean()), np.float32))
         first += len(labels)
     x = np.concatenate([signals for signals, _ in pool.values()]).transpose(1, 0, 2)
     y = np.concatenate([labels for _, labels in pool.values()])
     x = torch.from_numpy(np.ascontiguousarray(x, dtype=np.float32))
-    return x.to(device), torch.from_numpy(y).to(device), rows
+    offsets = torch.from_numpy(np.concatenate(offsets))
+    return x.to(device), torch.from_numpy(y).to(device), offsets.to(device), rows
 
 
-def _train(networks, x, y, training, validation, seeds, settings):
+def _train(networks, x, y, offsets, training, validation, seeds, settings):
     """Train in place; leave each network with its best weights; return the history."""
     optimizer = torch.optim.Adam(
         networks.parameters(),
@@ -186,14 +194,14 @@ def _train(networks, x, y, training, validation, seeds, settings):
         for step in range(order.shape[1]):
             rows = order[:, step]
             logits = networks(x[:, rows], (means[rows].mean(1), seconds[rows].mean(1)))
-            loss = _losses(logits, y[rows]).mean(1)
+            loss = _losses(logits, y[rows], offsets[rows]).mean(1)
             optimizer.zero_grad()
             loss.sum().backward()
             optimizer.step()
             networks.constrain()
             averaged.update_parameters(networks)
             training_loss = training_loss + loss.detach() / order.shape[1]
-        losses = _validation_losses(averaged.module, x, y, validation)
+        losses = _validation_losses(averaged.module, x, y, offsets, validation)
         for network, loss in enumerate(losses):
             history.append((network, number, float(training_loss[network]), loss))
             if loss < best_loss[network]:
@@ -209,18 +217,17 @@ def _train(networks, x, y, training, validation, seeds, settings):
     return pd.DataFrame(history, columns=["network", "pass", "training_loss", "validation_loss"])
 
 
-def _losses(logits, labels):
-    """Cross-entropy of every epoch, shape (n_networks, n)."""
-    return F.cross_entropy(logits.flatten(0, 1), labels.flatten(), reduction="none").view(
-        labels.shape
-    )
+def _losses(logits, labels, offsets):
+    """Cross-entropy of every epoch, shape (n_networks, n), given its subject's prior log-odds."""
+    log_odds = logits[..., 1] - logits[..., 0] + offsets
+    return F.softplus(torch.where(labels == 1, -log_odds, log_odds))
 
 
 @torch.no_grad()
-def _validation_losses(networks, x, y, validation):
+def _validation_losses(networks, x, y, offsets, validation):
     """Mean loss of every network on its own validation subjects."""
     networks.eval()
     longest = max(len(rows) for rows in validation)
     rows = torch.stack([F.pad(r[None], (0, longest - len(r)), "replicate")[0] for r in validation])
-    losses = _losses(networks(x[:, rows]), y[rows])
+    losses = _losses(networks(x[:, rows]), y[rows], offsets[rows])
     return [float(loss[: len(r)].mean()) for loss, r in zip(losses, validation, strict=True)]

@@ -1,4 +1,4 @@
-"""The epochs a decoder sees: channels by name, one window, about 64 Hz, one scale."""
+"""The epochs a decoder sees: channels by name, one window, about 32 Hz, one scale."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from rlihf_lib.files import canonical_json, sha256
 
-NETWORK_RATE = 60.0  # Hz, at least: three times the band's upper edge of 20 Hz
+NETWORK_RATE = 30.0  # Hz, at least; error potentials lie below 10 Hz
 UNIT = 10e-6  # V; brings EEG near 1, the batch normalisations do the rest
 
 
@@ -70,9 +70,21 @@ class SubjectEpochs:
             )
 
     @classmethod
-    def from_mne(cls, subject, epochs, eog=False):
-        """Take the EEG channels (with `eog` also the EOG channels) of preprocessed MNE epochs."""
-        picked = epochs.copy().pick(["eeg", "eog"] if eog else ["eeg"])
+    def from_mne(cls, subject, epochs, channels="eeg"):
+        """Take the channels of type "eeg", "eog", or both ("all") of preprocessed MNE epochs.
+
+        Raises
+        ------
+        ValueError
+            If there is none of that type, or for the reasons above.
+        """
+        types = ["eeg", "eog"] if channels == "all" else [channels]
+        if not set(types) & set(epochs.get_channel_types()):
+            raise ValueError(
+                f"subject {subject}: no channel of type {channels!r}; there are "
+                f"{', '.join(sorted(set(epochs.get_channel_types())))}"
+            )
+        picked = epochs.copy().pick(types)
         return cls(
             subject=subject,
             signals=picked.get_data(copy=False),
@@ -115,8 +127,8 @@ class InputFormat:
     start, stop : int
         The samples that are decoded.
     decimation : int
-        Samples averaged into one. The signal is band-limited to 20 Hz, so that about 64 Hz keep
-        all of it, at a quarter of the cost.
+        Samples averaged into one, down to 30 to 60 Hz. Error potentials lie below 10 Hz, so that
+        nothing of them is lost, some noise is, and the networks have an eighth of the work.
     """
 
     channels: tuple

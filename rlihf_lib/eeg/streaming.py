@@ -155,7 +155,7 @@ class StreamDecoder:
 
     def p_error(self, log_odds):
         """Return calibrated p(error) of a decoded event."""
-        return float(probability(log_odds, self.decoder.temperature))
+        return float(probability(log_odds, self.decoder.temperature, self.decoder.prior))
 
 
 def replay(decoder, signals, chunk=32):

@@ -1,11 +1,40 @@
 """What determines a run: its config, its readable id, its hash."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rlihf_lib.files import canonical_json, sha256
 
 CONDITIONS = ("sparse", "dense", "rlihf")
+# Raised by whoever changes task, observer, rewards or learner so that results change: runs of an
+# earlier protocol then count as missing.
+PROTOCOL = 1
+
+
+@dataclass(frozen=True)
+class SACSettings:
+    """Hyper-parameters of every run, the same for all conditions."""
+
+    hidden: tuple[int, int] = (128, 128)
+    """Units of the two hidden layers of actor and critics."""
+    learning_rate: float = 7e-4
+    """Of Adam, for actor, critics and entropy coefficient."""
+    batch_size: int = 256
+    """Transitions per update."""
+    discount: float = 0.98
+    """Per control step of 0.1 s: a horizon of 5 s."""
+    tau: float = 0.01
+    """Share of the critics that enters their targets per update."""
+    learning_starts: int = 2_000
+    """Steps of uniformly random actions before learning."""
+    train_freq: int = 1
+    """Environment steps between updates."""
+    gradient_steps: int = 1
+    """Updates each time."""
+    n_steps: int = 3
+    """Steps of reward summed before bootstrapping."""
+    target_entropy: float = -4.0
+    """Entropy the policy is held to, in nats (minus the number of actions)."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +63,10 @@ class RunConfig:
     """Steps after which an episode is truncated (paper: 1000)."""
     eval_rollouts: int = 5
     """Rollouts per evaluation point (paper: 5)."""
+    protocol: int = PROTOCOL
+    """Version of task, observer, rewards and learner."""
+    sac: SACSettings = field(default_factory=SACSettings)
+    """Hyper-parameters of the learner."""
 
     def __post_init__(self):
         if self.condition not in CONDITIONS:

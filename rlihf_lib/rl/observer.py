@@ -5,12 +5,12 @@ the robot comes visibly closer to having done the task than it has been within m
 wrong when the robot stands still, drifts, goes back, or makes up for ground it has just lost, and
 always when hand or can come uncomfortably close to something that is not to be touched.* Memory of
 the best so far fades slowly, so that after a failure the observer is soon content with progress
-from where the robot now is. The rule is the same for every subject and weight, depends only on what has been
-seen, and uses the same length of remaining path in every stage: reaching, closing, lifting,
-carrying, lowering, opening.
+from where the robot now is. The rule is the same for every subject and weight, depends only on
+what has been seen, and uses the same length of remaining path in every stage: reaching, closing,
+lifting, carrying, lowering, opening.
 """
 
-import numpy as np
+import pandas as pd
 
 VISIBLE_PROGRESS = 0.003  # metres of remaining path in one step below which nothing seems to happen
 PREFERRED_CLEARANCE = 0.02  # metres between hand or can and an obstacle below which people worry
@@ -69,7 +69,5 @@ class Observer:
 
 
 def perfect_table():
-    """Return the p(error) table of an ideal decoder (p = label) as arrays for `Observer`."""
-    import pandas as pd
-
-    return pd.DataFrame({"label": [0, 1], "p_error": np.array([0.0, 1.0])})
+    """Return the p(error) table of an ideal decoder, p = label."""
+    return pd.DataFrame({"label": [0, 1], "p_error": [0.0, 1.0]})

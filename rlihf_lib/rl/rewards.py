@@ -35,8 +35,8 @@ def task_reward(moment, discount):
 def alignment_reward(moment, path):
     """Engineered reward for how far along the ideal path a state is; rises along that path.
 
-    0 to 0.25 while reaching, 0.3 with closed fingers, 0.4 with the can held, 0.65 once it is
-    lifted, 0.9 over the goal. What lies beside the path is priced by `IdealPath.remaining`.
+    0 to 0.25 while reaching, 0.3 with closed fingers, 0.4 with the can held, 0.6 once it is
+    lifted, 0.8 over the goal. What lies beside the path is priced by `IdealPath.remaining`.
 
     Parameters
     ----------
@@ -46,12 +46,12 @@ def alignment_reward(moment, path):
     Returns
     -------
     float
-        In [0, 0.9].
+        In [0, 0.8].
     """
     left = moment.remaining
     held = path.carry_length
     if left <= held + 1e-9:
-        return float(np.interp(left, [0, held - LIFT, held], [0.9, 0.65, 0.4]))
+        return float(np.interp(left, [0, held - LIFT, held], [0.8, 0.6, 0.4]))
     reach = left - held
     if reach <= GRASP_WORTH:
         return float(np.interp(reach, [GRASP_WORTH / 2, GRASP_WORTH], [0.3, 0.25]))

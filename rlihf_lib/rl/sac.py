@@ -8,7 +8,6 @@ time for networks this small.
 """
 
 import math
-from dataclasses import asdict, dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,36 +16,6 @@ import torch.nn.functional as F
 from stable_baselines3 import SAC
 from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
-
-
-@dataclass(frozen=True)
-class SACSettings:
-    """Hyper-parameters of every run, the same for all conditions."""
-
-    hidden: tuple[int, int] = (128, 128)
-    """Units of the two hidden layers of actor and critics."""
-    learning_rate: float = 7e-4
-    """Of Adam, for actor, critics and entropy coefficient."""
-    batch_size: int = 256
-    """Transitions per update."""
-    discount: float = 0.98
-    """Per control step of 0.1 s: a horizon of 5 s."""
-    tau: float = 0.01
-    """Share of the critics that enters their targets per update."""
-    learning_starts: int = 2_000
-    """Steps of uniformly random actions before learning."""
-    train_freq: int = 1
-    """Environment steps between updates."""
-    gradient_steps: int = 1
-    """Updates each time."""
-    n_steps: int = 3
-    """Steps of reward summed before bootstrapping."""
-    target_entropy: float = -4.0
-    """Entropy the policy is held to, in nats (minus the number of actions)."""
-
-    def to_dict(self):
-        """Return the fields as plain JSON values."""
-        return asdict(self)
 
 
 class StackedCritic(nn.Module):
@@ -160,7 +129,7 @@ def make_sac(env, settings, seed):
     Parameters
     ----------
     env : gymnasium.Env
-    settings : SACSettings
+    settings : rlihf_lib.rl.config.SACSettings
     seed : int
 
     Returns

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
+from safetensors.torch import save_file
 from stable_baselines3.common.callbacks import BaseCallback
 
-from rlihf_lib.files import canonical_json, write_csv, write_text
+from rlihf_lib.files import atomic_path, canonical_json, write_csv, write_text
 from rlihf_lib.rl.evaluation import evaluate
 from rlihf_lib.rl.observer import Observer
 from rlihf_lib.rl.rewards import TrainingReward
-from rlihf_lib.rl.sac import SACSettings, make_sac
+from rlihf_lib.rl.sac import make_sac
 from rlihf_lib.task.gym_env import PickPlaceEnv
 
 EVALUATION_SEEDS = 1_000_000  # placements from here on are never trained on
@@ -62,20 +63,18 @@ class _Record(BaseCallback):
         self.progress(self.num_timesteps)
 
 
-def train_run(config, folder, p_error=None, progress=lambda step: None, settings=None):
+def train_run(config, folder, p_error=None, progress=lambda step: None):
     """Train and evaluate one policy; a pure function of its config and of `p_error`.
 
     Parameters
     ----------
     config : RunConfig
     folder : Path
-        Receives config.json, provenance.json, train.csv, eval.csv and policy.safetensors.
+        Receives config.json, provenance.json, train.csv, eval.csv and actor.safetensors.
     p_error : DataFrame, optional
         Columns subject, label, p_error; needed by condition "rlihf".
     progress : callable
         Called with the number of steps done after each evaluation.
-    settings : SACSettings, optional
-        For pilots; the study's are the defaults.
 
     Raises
     ------
@@ -84,7 +83,7 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, settings
     """
     started = time.perf_counter()
     torch.set_num_threads(1)
-    folder, settings = Path(folder), settings or SACSettings()
+    folder = Path(folder)
     # One stream per use, so that a change in one leaves the others as they were.
     placement, observer_seed, learner = np.random.SeedSequence(config.seed).generate_state(3)
     observer = None
@@ -98,12 +97,14 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, settings
         rows = p_error[p_error["subject"] == config.subject]
         observer = Observer(rows, np.random.default_rng(observer_seed))
     env = TrainingReward(
-        PickPlaceEnv(config.horizon), config.condition, settings.discount, config.w_hf, observer
+        PickPlaceEnv(config.horizon), config.condition, config.sac.discount, config.w_hf, observer
     )
     env.reset(seed=int(placement % EVALUATION_SEEDS))
-    model = make_sac(env, settings, int(learner))
+    model = make_sac(env, config.sac, int(learner))
     record = _Record(config, PickPlaceEnv(config.horizon), progress)
     model.learn(config.total_steps, callback=record)
+    with atomic_path(folder / "actor.safetensors") as path:
+        save_file(model.policy.actor.state_dict(), path)
     write_text(
         folder / "config.json",
         canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",
@@ -114,7 +115,6 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, settings
         **environment(),
         "wall_seconds": round(time.perf_counter() - started, 1),
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
-        "sac": settings.to_dict(),
         "errors_seen": observer.errors_seen if observer else 0,
     }
     write_text(folder / "provenance.json", canonical_json(provenance) + "\n")
