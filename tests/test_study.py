@@ -41,8 +41,9 @@ def test_policy_subjects_are_the_weakest_the_median_and_the_strongest_decoder(tm
     assert study.policy_subjects() == ["s04", "s05", "s06"]
     assert len(study.run_configs("rlihf")) == 6
     ablation = study.run_configs("ablation")
-    assert len(ablation) == 18
-    assert set(study.run_configs("rlihf")) <= set(ablation), "the main weight's runs are shared"
+    assert len(ablation) == 6 and {config.subject for config in ablation} == {"s04"}
+    main = [config for config in ablation if config.w_hf == 0.7]
+    assert set(main) <= set(study.run_configs("rlihf")), "the main weight's runs are shared"
 
 
 def test_the_paper_profile_is_the_papers_protocol():
