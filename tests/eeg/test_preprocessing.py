@@ -185,7 +185,7 @@ def test_short_epochs_keep_their_window_rate_and_band(tmp_path):
 
 
 def test_long_epochs_are_filtered_and_fast_ones_resampled(tmp_path):
-    path, values = folder(tmp_path, 512.0, 512 * 12)
+    path, _ = folder(tmp_path, 512.0, 512 * 12)
     epochs = load_epochs(path, "01", Preprocessing(reference="recorded"))
     assert epochs.info["sfreq"] == 256
     power = np.abs(np.fft.rfft(epochs.get_data(), axis=-1)) ** 2

@@ -1,4 +1,4 @@
-"""The simulated recordings: same seed same bytes, same format as the real ones, planted response."""
+"""The simulated recordings: same seed same bytes, the format of the real ones, what was planted."""
 
 from collections import Counter
 from dataclasses import replace
