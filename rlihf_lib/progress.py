@@ -57,6 +57,14 @@ class Progress:
             self.n_finished += 1
         self._write()
 
+    def counted(self, done, total, seconds=None):
+        """Note that `done` of `total` are done; the callback of `eeg.decoding.run_loso`."""
+        with self.lock:
+            self.n_finished = done - (self.total - self.missing)
+            if seconds is None:  # the start: what was done before takes no time now
+                self.total, self.missing, self.n_finished = total, total - done, 0
+        self._write()
+
     def __str__(self):
         left = self.missing - self.n_finished
         running = min(self.n_workers, left)
