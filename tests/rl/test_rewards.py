@@ -1,0 +1,171 @@
+"""Rewards, observer, and that the scripted expert earns more than scripted exploiters."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlihf_lib.rl.observer import Observer, looks_wrong, perfect_table
+from rlihf_lib.rl.rewards import (
+    PLACED,
+    TrainingReward,
+    alignment_reward,
+    errp_reward,
+    evaluation_reward,
+    task_reward,
+)
+from rlihf_lib.task.expert import expert_action
+from rlihf_lib.task.gym_env import Moment, PickPlaceEnv
+from rlihf_lib.task.path import IdealPath
+
+PATH = IdealPath([-0.19, -0.15, 1.0], [-0.07, -0.2, 0.84], [-0.07, 0.2, 0.84])
+QUIET = Moment(
+    remaining=0.5, gained=0.02, best=0.52, deviation=0.0, clearance=0.1,
+    collided=False, grasped=True, success=False, lost=False,
+)  # fmt: skip
+DISCOUNT, HORIZON = 0.98, 200
+ABOVE = np.array([0, 0, 0.1])
+
+
+def moment(**changes):
+    return dataclasses.replace(QUIET, **changes)
+
+
+def test_errp_reward_is_one_minus_p():
+    assert errp_reward(0.25) == 0.75
+    np.testing.assert_allclose(errp_reward(np.array([0.0, 1.0])), [1.0, 0.0])
+
+
+def test_task_reward_pays_success_for_ever_and_penalises_collisions():
+    assert task_reward(moment(), DISCOUNT) == 0
+    assert task_reward(moment(collided=True), DISCOUNT) == -0.5
+    assert task_reward(moment(success=True), DISCOUNT) == pytest.approx(50)
+
+
+def test_alignment_reward_rises_along_the_path_with_steps_at_grasp_and_lift():
+    held = PATH.carry_length
+    left = [held + 0.4, held + 0.1, held + 0.05, held, held - 0.1, 0.1, 0.0]
+    values = [alignment_reward(moment(remaining=x), PATH) for x in left]
+    assert np.diff(values).min() > 0 and values[3] - values[2] > 0.09
+    assert 0 < values[0] and values[-1] < PLACED
+
+
+def test_evaluation_reward_of_standing_still_is_zero_and_of_success_is_one():
+    start = moment(remaining=PATH.start_remaining)
+    assert evaluation_reward(start, PATH) == 0
+    assert evaluation_reward(moment(success=True, remaining=0.0), PATH) == PLACED
+    assert evaluation_reward(moment(collided=True), PATH) < evaluation_reward(moment(), PATH)
+
+
+@pytest.mark.parametrize(
+    ("changes", "wrong"),
+    [
+        ({}, False),
+        ({"remaining": 0.52}, True),  # no progress
+        ({"remaining": 0.5, "best": 0.45}, True),  # making up for lost ground
+        ({"clearance": 0.01}, True),
+        ({"collided": True}, True),
+        ({"lost": True}, True),
+        ({"success": True, "remaining": 0.0}, False),
+    ],
+)
+def test_observer_sees_standing_still_lost_ground_and_closeness_as_wrong(changes, wrong):
+    assert looks_wrong(moment(**changes)) is wrong
+
+
+def test_observer_answers_with_epochs_of_the_class_it_saw():
+    table = pd.DataFrame({"label": [0, 0, 1, 1], "p_error": [0.1, 0.2, 0.8, 0.9]})
+    observer = Observer(table, np.random.default_rng(0))
+    right = {observer.watch(moment()) for _ in range(30)}
+    wrong = {observer.watch(moment(lost=True)) for _ in range(30)}
+    assert right == {0.1, 0.2} and wrong == {0.8, 0.9}
+    assert observer.errors_seen == 30
+
+
+def test_observer_needs_both_classes():
+    table = pd.DataFrame({"label": [0], "p_error": [0.1]})
+    with pytest.raises(ValueError, match="class 'error'"):
+        Observer(table, np.random.default_rng(0))
+
+
+def hover(env, step):
+    target = env.body("can") + ABOVE
+    return np.append(np.clip((target - env.controller.goal_pos) / 0.03, -1, 1), -1)
+
+
+def oscillate(env, step):
+    """Towards the can slowly, back at full speed."""
+    way = env.body("can") + ABOVE - env.controller.hand
+    way = way / max(np.linalg.norm(way), 1e-9)
+    return np.append(-way if step % 4 == 3 else 0.33 * way, -1)
+
+
+def hold_in_the_air(env, step):
+    if env.lifted:
+        return np.array([0, 0, 0, 1.0])
+    return expert_action(env)
+
+
+def push_along_the_table(env, step):
+    height = env.goal[2] - env.controller.hand[2]
+    side = 0.3 if env.controller.hand[2] < 0.87 else 0.0
+    return np.array([0.1, side, np.clip(height / 0.03, -1, 1), 1.0])
+
+
+def sit_still(env, step):
+    return np.array([0, 0, 0, -1.0])
+
+
+def knock_things_off(env, step):
+    target = env.body("bottle")
+    return np.append(np.clip((target - env.controller.hand) / 0.03, -1, 1), 1)
+
+
+EXPLOITERS = (
+    hover, oscillate, hold_in_the_air, push_along_the_table, sit_still, knock_things_off
+)  # fmt: skip
+
+
+def discounted_return(env, act, seed):
+    env.reset(seed=seed)
+    total, weight = 0.0, 1.0
+    for step in range(HORIZON):
+        _, reward, terminated, _, _ = env.step(act(env.unwrapped, step))
+        total += weight * reward
+        weight *= DISCOUNT
+        if terminated:
+            break
+    return total
+
+
+def decoder_of_accuracy_075():
+    rng = np.random.default_rng(1)
+    labels = np.repeat([0, 1], 500)
+    right = rng.random(1000) < 0.75
+    p = np.where(right == (labels == 1), 0.7, 0.3)
+    return pd.DataFrame({"label": labels, "p_error": p})
+
+
+@pytest.mark.parametrize("condition", ["sparse", "dense", "rlihf", "rlihf with a weak decoder"])
+def test_expert_earns_more_than_every_exploiter(condition):
+    table = decoder_of_accuracy_075() if "weak" in condition else perfect_table()
+    observer = Observer(table, np.random.default_rng(0))
+    env = TrainingReward(
+        PickPlaceEnv(HORIZON), condition.split()[0], DISCOUNT, w_hf=0.7, observer=observer
+    )
+    best = discounted_return(env, lambda e, _: expert_action(e), 0)
+    others = {act.__name__: discounted_return(env, act, 0) for act in EXPLOITERS}
+    assert best > 1.2 * max(0, *others.values()), (best, others)
+
+
+def test_expert_looks_right_in_nine_of_ten_steps():
+    env, wrong = PickPlaceEnv(HORIZON), []
+    for seed in range(10):
+        env.reset(seed=seed)
+        done = False
+        while not done:
+            *_, terminated, truncated, info = env.step(expert_action(env))
+            wrong.append(looks_wrong(info["moment"]))
+            done = terminated or truncated
+    assert np.mean(wrong) < 0.1

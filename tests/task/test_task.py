@@ -1,0 +1,163 @@
+"""The real robosuite scene: interface, seeding, physics, expert, path."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as gymnasium_check
+from stable_baselines3.common.env_checker import check_env as sb3_check
+
+from rlihf_lib.task.expert import expert_action
+from rlihf_lib.task.gym_env import OBSERVATION, PickPlaceEnv
+from rlihf_lib.task.path import IdealPath, path_efficiency, polyline_length
+from rlihf_lib.task.workspace import Workspace
+
+CAN, GOAL, HAND = [-0.07, -0.2, 0.84], [-0.07, 0.2, 0.84], [-0.19, -0.15, 1.0]
+
+
+@pytest.fixture(scope="module")
+def env():
+    environment = PickPlaceEnv(horizon=120)
+    yield environment
+    environment.close()
+
+
+def episode(env, seed, act=expert_action):
+    """Run one episode; return its moments, its last flags and its metrics."""
+    env.reset(seed=seed)
+    moments, done = [], False
+    while not done:
+        _, _, terminated, truncated, info = env.step(act(env))
+        moments.append(info["moment"])
+        done = terminated or truncated
+    return moments, terminated, truncated, info["metrics"]
+
+
+def test_environment_passes_both_checkers(env):
+    gymnasium_check(env, skip_render_check=True)
+    sb3_check(env)
+
+
+def test_observation_has_the_documented_size(env):
+    observation, _ = env.reset(seed=0)
+    assert observation.shape == (sum(size for _, size, _ in OBSERVATION),)
+    assert np.isfinite(observation).all()
+
+
+def test_seed_decides_the_placements_and_the_whole_episode(env):
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1, 1, (20, 4))
+
+    def run(seed):
+        first, _ = env.reset(seed=seed)
+        return [first, *(env.step(action)[0] for action in actions)]
+
+    once, again, other = run(5), run(5), run(6)
+    np.testing.assert_array_equal(once, again)
+    assert not np.array_equal(once[0], other[0])
+
+
+def test_later_resets_draw_new_placements_from_the_seed(env):
+    def placements():
+        first = env.reset(seed=3)[0]
+        return np.array([first, env.reset()[0], env.reset()[0]])
+
+    drawn = placements()
+    assert not np.array_equal(drawn[1], drawn[2])
+    np.testing.assert_array_equal(drawn, placements())
+
+
+def test_horizon_truncates_and_does_not_terminate():
+    env = PickPlaceEnv(horizon=5)
+    _, terminated, truncated, metrics = episode(env, 0, lambda _: np.zeros(4))
+    assert truncated and not terminated
+    assert metrics["steps"] == 5 and metrics["success"] == 0
+
+
+def test_expert_places_the_can_on_at_least_95_of_100_placements(env):
+    results = [episode(env, seed) for seed in range(100)]
+    metrics = [m for *_, m in results]
+    assert sum(m["success"] for m in metrics) >= 95
+    assert all(terminated for (_, terminated, _, m) in results if m["success"])
+    placed = [m for m in metrics if m["success"]]
+    assert np.mean([m["path_efficiency"] for m in placed]) > 0.85
+    assert np.mean([m["path_deviation"] for m in placed]) < 0.03
+    assert sum(m["collisions"] for m in placed) == 0
+
+
+def test_can_knocked_off_the_table_ends_the_episode(env):
+    env.reset(seed=0)
+    address = env.workspace.qpos_address["can"]
+    env.data.qpos[address : address + 3] = [0.0, 0.6, 0.84]
+    *_, terminated, truncated, info = env.step(np.zeros(4))
+    assert terminated and not truncated
+    assert info["moment"].lost and not info["moment"].success
+
+
+def test_pushing_the_can_to_the_goal_is_not_placing_it(env):
+    env.reset(seed=0)
+    address = env.workspace.qpos_address["can"]
+    env.data.qpos[address : address + 2] = env.goal[:2]
+    *_, terminated, _, info = env.step(np.zeros(4))
+    assert not info["moment"].success and not terminated
+
+
+def test_touching_an_obstacle_is_a_collision(env):
+    env.reset(seed=0)
+    address = env.workspace.qpos_address["bottle"]
+    env.data.qpos[address : address + 2] = env.controller.hand[:2]
+    moments = [env.step(np.array([0, 0, -1, 0]))[-1]["moment"] for _ in range(8)]
+    assert not moments[0].collided and moments[0].clearance > 0
+    assert any(m.collided for m in moments) and min(m.clearance for m in moments) == 0
+
+
+def test_fast_control_moves_the_hand_as_robosuites_own_step_does(env):
+    stock = PickPlaceEnv(workspace=Workspace(fast=False))
+    env.reset(seed=3), stock.reset(seed=3)
+    rng = np.random.default_rng(0)
+    distances = []
+    for step in range(60):
+        if step % 10 == 0:
+            action = np.append(rng.uniform(-1, 1, 3), -1)
+        # Stay over the objects: contacts magnify the smallest difference.
+        action[2] = np.clip((1.05 - env.controller.goal_pos[2]) * 10, -1, 1)
+        env.controller.advance(action), stock.controller.advance(action)
+        distances.append(np.linalg.norm(env.controller.hand - stock.controller.hand))
+    assert np.ptp([env.controller.goal_pos, stock.controller.goal_pos], axis=0).max() < 0.005
+    assert max(distances) < 0.004
+
+
+def test_remaining_path_falls_along_the_ideal_path():
+    path = IdealPath(HAND, CAN, GOAL)
+    reach = [path.remaining(p, np.array(CAN), False, 0.0) for p in _walk(path.reach)]
+    carry = [path.remaining(p, p, True, 1.0) for p in _walk(path.carry)]
+    # The path is sampled every centimetre: up to 2 mm of ripple.
+    assert np.diff(reach).max() < 2e-3 and np.diff(carry).max() < 2e-3
+    assert reach[-1] > carry[0] and carry[-1] == pytest.approx(0, abs=1e-9)
+    assert carry[0] == pytest.approx(path.carry_length)
+
+
+def test_ideal_path_itself_has_efficiency_one_and_deviation_zero():
+    path = IdealPath(HAND, CAN, GOAL)
+    walk = np.vstack([_walk(path.reach), _walk(path.carry)])
+    assert path_efficiency(path.length, polyline_length(walk), 1.0) == pytest.approx(1)
+    assert max(path.deviation(p) for p in walk) < 0.006  # half the path's sampling
+
+
+def test_standing_still_and_detours_are_not_efficient():
+    assert path_efficiency(1.0, 0.0, 0.0) == 0
+    assert path_efficiency(1.0, 2.0, 1.0) == 0.5
+    assert path_efficiency(1.0, 0.5, 0.1) == pytest.approx(0.2)
+
+
+def test_straight_line_from_can_to_goal_is_longer_than_the_ideal_path_says():
+    path = IdealPath(HAND, CAN, GOAL)
+    middle = np.array([-0.07, 0.0, 0.84])
+    assert path.remaining_carry(middle) > 0.9 * path.carry_length / 2
+
+
+def _walk(vertices):
+    """Points every 5 mm along a polyline."""
+    return np.vstack(
+        [np.linspace(a, b, 1 + int(np.linalg.norm(b - a) / 0.005)) for a, b in pairwise(vertices)]
+    )
