@@ -79,7 +79,7 @@ PROFILES = {
             seeds=(0, 1),
             total_steps=20_000,
             eval_every=4_000,
-            decoder=DecoderSizes(max_epochs=20, patience=8, ensemble=8, n_permutations=1_000),
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
         Profile(
             name="paper",
@@ -89,7 +89,7 @@ PROFILES = {
             seeds=(0, 1, 2, 3, 4),
             total_steps=150_000,
             eval_every=5_000,
-            decoder=DecoderSizes(max_epochs=20, patience=8, ensemble=8, n_permutations=1_000),
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
     )
 }

@@ -19,17 +19,17 @@ from rlihf_lib.files import sha256
 class DecoderSettings:
     """Everything that decides what a decoder learns, except the data."""
 
-    max_epochs: int = 20
+    max_epochs: int = 30
     """Passes over the training subjects at most."""
     patience: int = 8
     """Passes without a better validation loss after which a network stops."""
-    ensemble: int = 8
+    ensemble: int = 6
     """Networks per fold, each with its own seed and validation subjects; their log-odds are
     averaged."""
     n_permutations: int = 1000
     """Bootstrap resamples and label permutations behind intervals and chance levels."""
-    n_validation: int = 2
-    """Validation subjects of each network."""
+    n_validation: int = 1
+    """Validation subjects of each network; the networks of a fold have different ones."""
     window: tuple = (0.0, 1.0)
     """Seconds after the feedback that are decoded, as far as the epochs reach. All components of
     the error potential lie within."""
@@ -39,7 +39,7 @@ class DecoderSettings:
     learning_rate: float = 3e-3
     """Of Adam at the start; it falls to zero along a cosine over `max_epochs` passes."""
     weight_decay: float = 0.0
-    averaging: float = 0.99
+    averaging: float = 0.98
     """Weight of the past in the running mean of each network's weights, which is what is used."""
     dropout: float = 0.25
     """Published value for decoding across subjects."""

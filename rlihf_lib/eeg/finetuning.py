@@ -1,0 +1,104 @@
+"""The infrequent online update: a few labelled events of the person who is decoded now."""
+
+import copy
+
+import numpy as np
+import pandas as pd
+import torch
+from scipy.special import logit
+from torch.nn import functional as F
+
+from rlihf_lib.eeg import scores
+from rlihf_lib.eeg.decoder import Decoder
+from rlihf_lib.eeg.decoding import load_decoder, load_subject
+from rlihf_lib.eeg.fitting import DEFAULTS
+
+COUNTS = (0, 20, 50, 100)
+
+
+def fine_tune(decoder, signals, labels, n_steps=20, learning_rate=1e-3):
+    """Adapt a decoder to labelled epochs of one person.
+
+    Parameters
+    ----------
+    decoder : decoder.Decoder
+        Stays as it is.
+    signals : ndarray, shape (n, n_channels, n_times)
+        As for `Decoder.log_odds`. None of them may be scored afterwards.
+    labels : ndarray of int, shape (n,)
+        1 = error, 0 = correct.
+    n_steps : int
+        Steps of Adam on all epochs at once. Few and small, so that the general decoder is bent
+        and not replaced; batch normalisations keep their statistics. Not tuned.
+    learning_rate : float
+
+    Returns
+    -------
+    decoder.Decoder
+        With the temperature of the old one.
+    """
+    networks = copy.deepcopy(decoder.networks).eval()
+    x = torch.from_numpy(decoder.input_format.condition(signals)).transpose(0, 1)[:, None]
+    x = x.expand(-1, networks.n_networks, -1, -1).contiguous()
+    y = torch.from_numpy(np.asarray(labels)).expand(networks.n_networks, -1).flatten()
+    prior = torch.tensor([0.0, logit(decoder.prior)])
+    optimizer = torch.optim.Adam(networks.parameters(), lr=learning_rate)
+    for _ in range(n_steps):
+        optimizer.zero_grad()
+        # Summed over the networks, which do not share weights: each follows its own mean.
+        logits = networks(x) + prior
+        loss = F.cross_entropy(logits.flatten(0, 1), y) * networks.n_networks
+        loss.backward()
+        optimizer.step()
+        networks.constrain()
+    return Decoder(decoder.input_format, networks, decoder.temperature, decoder.prior)
+
+
+def online_update(load, subjects, folder, settings=DEFAULTS, counts=COUNTS):
+    """Score every subject's decoder after fine-tuning on the first N events.
+
+    Parameters
+    ----------
+    load, subjects, folder, settings
+        As for `decoding.run_loso`, which has trained the decoders.
+    counts : sequence of int
+        The N. All are scored on the same events, those after the first max(counts), which no
+        update has seen.
+
+    Returns
+    -------
+    DataFrame
+        Columns subject, n_events, accuracy, balanced_accuracy, auroc, n_scored.
+
+    Raises
+    ------
+    ValueError
+        If a subject has no errors or no correct events left to score.
+    """
+    rows = []
+    for subject in subjects:
+        decoder = load_decoder(folder, subject)
+        epochs = load_subject(load, subject, settings)
+        order = np.argsort(epochs.index)
+        signals, labels = decoder.input_format.pick(epochs)[order], epochs.labels[order]
+        scored = slice(max(counts), None)
+        if len(np.unique(labels[scored])) < 2:
+            raise ValueError(
+                f"subject {subject}: {len(labels)} events leave no errors or no correct ones "
+                f"after the first {max(counts)}; fine-tune on fewer"
+            )
+        for count in counts:
+            adapted = fine_tune(decoder, signals[:count], labels[:count]) if count else decoder
+            p = adapted.p_error(signals[scored])
+            arguments = (p, labels[scored], decoder.prior)
+            rows.append(
+                {
+                    "subject": subject,
+                    "n_events": count,
+                    "accuracy": scores.accuracy(*arguments),
+                    "balanced_accuracy": scores.balanced_accuracy(*arguments),
+                    "auroc": scores.auroc(*arguments),
+                    "n_scored": len(p),
+                }
+            )
+    return pd.DataFrame(rows)
