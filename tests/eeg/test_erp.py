@@ -1,4 +1,4 @@
-"""Difference waves, their confidence band and size, and the table of the simulation's parameters."""
+"""Difference waves, confidence band and size; the table of the simulation's parameters."""
 
 from dataclasses import fields
 
