@@ -212,7 +212,7 @@ def _client(n_workers):
             n_workers=n_workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # its default port may be taken
             memory_limit=0,
             env=one_thread,
             silence_logs="CRITICAL",
