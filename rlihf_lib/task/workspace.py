@@ -120,6 +120,7 @@ class Workspace(ManipulationEnv):
     """
 
     FAST_TIMESTEP = 0.004
+    reward_scale = 1.0  # robosuite's GymWrapper asks for it
 
     def __init__(self, fast=True, control_freq=10, seed=0, **kwargs):
         self.fast = fast

@@ -131,8 +131,8 @@ def test_remaining_path_falls_along_the_ideal_path():
     path = IdealPath(HAND, CAN, GOAL)
     reach = [path.remaining(p, np.array(CAN), False, 0.0) for p in _walk(path.reach)]
     carry = [path.remaining(p, p, True, 1.0) for p in _walk(path.carry)]
-    # The path is sampled every centimetre: up to 2 mm of ripple.
-    assert np.diff(reach).max() < 2e-3 and np.diff(carry).max() < 2e-3
+    # The path is sampled every centimetre: up to 2.5 mm of ripple.
+    assert np.diff(reach).max() < 3e-3 and np.diff(carry).max() < 3e-3
     assert reach[-1] > carry[0] and carry[-1] == pytest.approx(0, abs=1e-9)
     assert carry[0] == pytest.approx(path.carry_length)
 

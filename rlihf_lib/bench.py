@@ -1,0 +1,173 @@
+"""Speed of environment, learner and sweep against the stock stack: `python -m rlihf_lib bench`.
+
+Ratios are medians of alternating repeats in one process on one thread, so that a busy machine slows
+both sides alike.
+"""
+
+import argparse
+import json
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import torch
+from robosuite.wrappers import GymWrapper
+from stable_baselines3 import SAC
+from stable_baselines3.common.logger import configure
+
+from rlihf_lib.files import write_text
+from rlihf_lib.rl.config import RunConfig, SACSettings
+from rlihf_lib.rl.rewards import TrainingReward
+from rlihf_lib.rl.sac import make_sac
+from rlihf_lib.rl.sweep import run_sweep
+from rlihf_lib.task.expert import expert_action
+from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.workspace import Workspace
+
+AT_LEAST = {
+    "env_speedup": 5.0,
+    "mujoco_share": 0.7,
+    "train_speedup": 5.0,
+    "update_speedup": 2.0,
+    "sweep_scaling": 1.9,
+}
+
+
+def _stock():
+    """The same scene with robosuite's meshes, timestep, `step` and GymWrapper."""
+    return GymWrapper(Workspace(fast=False), keys=["robot0_proprio-state"])
+
+
+def env_speedup(repeats, steps=100):
+    """Ratio of control steps per second to robosuite's stock `env.step` through its GymWrapper.
+
+    The smaller of two ratios: under random actions, and under the scripted expert's.
+    """
+    fast, stock = PickPlaceEnv(), _stock()
+    # The expert's actions are drawn beforehand; stock robosuite takes them as absolute poses.
+    fast.reset(seed=0)
+    expert = []
+    for _ in range(40):
+        expert.append(expert_action(fast))
+        fast.step(expert[-1])
+    rng = np.random.default_rng(0)
+    ratios = []
+    for actions in (rng.uniform(-1, 1, (steps, 4)), np.array(expert)):
+        poses = _poses(actions)
+        rates = [(_rate(fast, actions), _rate(stock, poses)) for _ in range(repeats)]
+        ratios.append(statistics.median(a / b for a, b in rates))
+    return min(ratios)
+
+
+def _poses(actions):
+    """Absolute hand poses and gripper commands that the actions lead to, for the stock env."""
+    env = PickPlaceEnv()
+    env.reset(seed=0)
+    poses = []
+    for action in actions:
+        env.controller.advance(action)
+        poses.append([*env.controller.goal_pos, np.pi, 0, 0, action[3]])
+    return np.array(poses)
+
+
+def _rate(env, actions):
+    env.reset(seed=0)
+    start = time.perf_counter()
+    for action in actions:
+        env.step(action)
+    return len(actions) / (time.perf_counter() - start)
+
+
+def mujoco_share(repeats, steps=200):
+    """Share of the environment's time that MuJoCo's own timers account for."""
+    env, rng, shares = PickPlaceEnv(), np.random.default_rng(0), []
+    timer = env.data.timer[mujoco.mjtTimer.mjTIMER_STEP]
+    for _ in range(repeats):
+        env.reset(seed=0)
+        before, start = timer.duration, time.perf_counter()
+        for action in rng.uniform(-1, 1, (steps, 4)):
+            env.step(action)
+        elapsed = time.perf_counter() - start
+        shares.append((timer.duration - before) / elapsed)
+    return statistics.median(shares)
+
+
+def _learners():
+    """The study's learner on the fast environment, and SB3's SAC on the stock one."""
+    settings = SACSettings(learning_starts=300)
+    fast = make_sac(TrainingReward(PickPlaceEnv(), "dense", settings.discount), settings, seed=0)
+    stock = SAC(
+        "MlpPolicy", _stock(),
+        learning_rate=settings.learning_rate, learning_starts=300, gamma=settings.discount,
+        batch_size=settings.batch_size, tau=settings.tau, train_freq=settings.train_freq,
+        gradient_steps=settings.gradient_steps, seed=0, device="cpu",
+        policy_kwargs={"net_arch": list(settings.hidden)},
+    )  # fmt: skip
+    stock.set_logger(configure(None, []))
+    return fast, stock
+
+
+def train_and_update_speedup(repeats, steps=150, updates=100):
+    """Ratios of training steps per second, and of gradient updates per second, to SB3's."""
+    torch.set_num_threads(1)
+    learners = _learners()
+    for model in learners:
+        model.learn(320)
+    training, updating = [], []
+    for _ in range(repeats):
+        rates = []
+        for model in learners:
+            start = time.perf_counter()
+            model.learn(steps, reset_num_timesteps=False)
+            middle = time.perf_counter()
+            model.train(updates, SACSettings().batch_size)
+            end = time.perf_counter()
+            rates.append((steps / (middle - start), updates / (end - middle)))
+        (fast_steps, fast_updates), (stock_steps, stock_updates) = rates
+        training.append(fast_steps / stock_steps)
+        updating.append(fast_updates / stock_updates)
+    return statistics.median(training), statistics.median(updating)
+
+
+def sweep_scaling(repeats, steps=3_000):
+    """Ratio of the sweep's throughput with two workers to that with one; start-up included."""
+    configs = [
+        RunConfig(condition="dense", seed=seed, total_steps=steps, eval_every=steps, horizon=100,
+                  eval_rollouts=1)
+        for seed in range(2)
+    ]  # fmt: skip
+    ratios = []
+    for _ in range(repeats):
+        seconds = []
+        for workers in (1, 2):
+            with tempfile.TemporaryDirectory() as folder:
+                start = time.perf_counter()
+                run_sweep(configs, Path(folder) / "runs", workers=workers, progress=_silent)
+                seconds.append(time.perf_counter() - start)
+        ratios.append(seconds[0] / seconds[1])
+    return statistics.median(ratios)
+
+
+def _silent(_):
+    pass
+
+
+def main(argv):
+    """Measure, print a table, write the ratios where `--json` says; return the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m rlihf_lib bench", description=__doc__)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the ratios to FILE")
+    parser.add_argument("--repeats", type=int, default=5, help="alternating repeats (default 5)")
+    options = parser.parse_args(argv)
+    ratios = {"env_speedup": env_speedup(options.repeats)}
+    ratios["mujoco_share"] = mujoco_share(options.repeats)
+    ratios["train_speedup"], ratios["update_speedup"] = train_and_update_speedup(options.repeats)
+    ratios["sweep_scaling"] = sweep_scaling(max(1, options.repeats // 3))
+    print(f"{'what':16}{'measured':>10}{'wanted':>10}")
+    for key, value in ratios.items():
+        print(f"{key:16}{value:10.2f}{AT_LEAST[key]:>10.2f}")
+    if options.json:
+        write_text(options.json, json.dumps(ratios, indent=2) + "\n")
+    return 0
