@@ -89,7 +89,8 @@ def run_loso(
          hashes[fold.test])
         for fold in missing
     ]  # fmt: skip
-    workers = min(workers or os.cpu_count(), len(missing))
+    # Starting a process costs about as much as a small fold.
+    workers = min(workers or os.cpu_count(), -(-len(missing) // 3))
     finished = len(folds) - len(missing)
     for seconds in _run(arguments, workers):
         finished += 1

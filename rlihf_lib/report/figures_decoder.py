@@ -153,7 +153,7 @@ def filters_figure(decoder, positions, network=0, caption=""):
     NeuroImage 87, 96-110).
     """
     architecture = decoder.networks.architecture
-    state = decoder.networks.network_state(network)
+    state = {k: v.detach() for k, v in decoder.networks.network_state(network).items()}
     temporal = state["temporal.weight"].numpy()[:, 0, 0]
     spatial = state["spatial.weight"].numpy()[:, 0, :, 0]
     spatial = spatial.reshape(architecture.F1, architecture.D, -1)
