@@ -237,7 +237,11 @@ def _protocol(rng, model):
 
 @lru_cache
 def _cortex():
-    """Lead field of 162 dipoles spread over the upper part of the head, all orientations."""
+    """Lead field of 162 dipoles all over the head but its base, all orientations.
+
+    They lie deeper than the cortex because each stands for an extended patch of it, whose field is
+    that of a deeper dipole: smooth, and so shared by neighbouring electrodes.
+    """
     n = 216
     height = 1 - 2 * (np.arange(n) + 0.5) / n
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(n)
