@@ -114,7 +114,7 @@ def fit_fold(pool, input_format, settings, device="auto"):
     networks = EEGNetBatch(architecture, seeds).to(device)
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seeds[0])  # dropout
-        history = _train(networks, x, y, offsets, training, validation, seeds, settings)
+        history = train(networks, x, y, offsets, training, validation, seeds, settings)
     networks = networks.double().eval().cpu()
     x, y, offsets = x.double().cpu(), y.cpu().numpy(), offsets.cpu().numpy()
     results = []
@@ -160,8 +160,26 @@ def _concatenate(pool, device):
     return x.to(device), torch.from_numpy(y).to(device), offsets.to(device), rows
 
 
-def _train(networks, x, y, offsets, training, validation, seeds, settings):
-    """Train in place; leave each network with its best weights; return the history."""
+def train(networks, x, y, offsets, training, validation, seeds, settings):
+    """Train networks in place and leave each with its best weights.
+
+    Parameters
+    ----------
+    networks : eegnet.EEGNetBatch
+    x : Tensor, shape (n_channels, n, m)
+    y, offsets : Tensor, shape (n,)
+        Labels, and the prior log-odds of each epoch's subject.
+    training, validation : list of Tensor
+        For every network the epochs it trains on, and those that decide when it stops.
+    seeds : list of int
+        Of every network's order of epochs.
+    settings : DecoderSettings
+
+    Returns
+    -------
+    DataFrame
+        network, pass, training_loss, validation_loss.
+    """
     optimizer = torch.optim.Adam(
         networks.parameters(),
         lr=settings.learning_rate,
