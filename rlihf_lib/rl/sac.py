@@ -10,10 +10,10 @@ time for networks this small.
 import math
 from itertools import pairwise
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 from stable_baselines3 import SAC
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
 
@@ -136,7 +136,7 @@ def make_sac(env, settings, seed):
     -------
     FastSAC
     """
-    return FastSAC(
+    model = FastSAC(
         StackedPolicy,
         env,
         learning_rate=settings.learning_rate,
@@ -156,8 +156,6 @@ def make_sac(env, settings, seed):
         seed=seed,
         device="cpu",
     )
-
-
-def parameter_digest(model):
-    """All weights of the policy as one array, to compare two learners."""
-    return np.concatenate([p.detach().numpy().ravel() for p in model.policy.parameters()])
+    # Otherwise SB3 leaves a folder in /tmp behind for every run.
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    return model
