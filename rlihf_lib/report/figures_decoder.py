@@ -45,7 +45,7 @@ def figure_5(scores, caption=""):
     ax.axhline(0.5, color="#888888", lw=0.8, ls=(0, (2, 2)), label="Coin")
     ax.axvline(len(scores) - 0.5, color="#BBBBBB", lw=0.6)
     ax.set_xticks(x, names)
-    ax.set(ylim=(0.4, 1.0), xlim=(-0.6, len(x) - 0.4), ylabel="Accuracy", xlabel="Held-out subject")
+    ax.set(ylim=(0, 1.0), xlim=(-0.6, len(x) - 0.4), ylabel="Accuracy", xlabel="Held-out subject")
     ax.grid(axis="x", visible=False)
     fig.legend(loc="outside upper center", ncols=5, columnspacing=1.0, handlelength=1.5)
     note(fig, caption)
