@@ -29,7 +29,7 @@ def test_fine_tuning_learns_the_events_it_gets_and_leaves_the_decoder_alone(fold
     def loss(p):
         return -np.mean(np.log(np.where(flipped == 1, p, 1 - p)))
 
-    adapted = finetuning.fine_tune(decoder, signals, flipped)
+    adapted = finetuning.fine_tune(decoder, signals, flipped, learning_rate=1e-3)
     assert loss(adapted.p_error(signals)) < loss(before) - 0.02
     np.testing.assert_array_equal(decoder.p_error(signals), before)
 
