@@ -33,7 +33,8 @@ def fine_tune(decoder, signals, labels, n_steps=20, learning_rate=1e-4):
     learning_rate : float
         Chosen among 1e-4, 3e-4 and 1e-3 on the validation subjects of one fold (simulated, s02
         held out). Ten times more unlearns what other people taught: after 20 events AUROC there
-        fell from 0.89 to 0.78.
+        fell from 0.89 to 0.78. The comparison was made after 1e-3 had been seen to hurt held-out
+        people, so it was not blind.
 
     Returns
     -------
