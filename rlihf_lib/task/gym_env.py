@@ -104,9 +104,8 @@ class PickPlaceEnv(gym.Env):
         self._is_finger = np.array(["_index_" in n or "_pinky_" in n for n in names])
         self._is_robot = np.array([n.startswith(("robot0", "gripper0")) for n in names])
         self._obstacle_geoms = np.flatnonzero(self._is_obstacle)
-        collides = self.model.geom_contype + self.model.geom_conaffinity > 0
         hand = [n.endswith(("hand_collision", "distal_collision")) for n in names]
-        self._hand_geoms = np.flatnonzero(np.array(hand) & collides)
+        self._hand_geoms = np.flatnonzero(hand)
 
     def reset(self, *, seed=None, options=None):
         """Start an episode; `seed` seeds this and, through it, all later placements."""
@@ -121,9 +120,8 @@ class PickPlaceEnv(gym.Env):
         self.collisions = 0
         self.colliding = False
         self.min_clearance = CLEARANCE_RANGE
-        self.goal = self.workspace.placement["goal"] + [0, 0, 0]
         can = self.body("can")
-        self.goal[2] = can[2]
+        self.goal = np.array([*self.workspace.placement["goal"][:2], can[2]])
         self.path = IdealPath(self.controller.hand, can, self.goal)
         self.remaining = self.best = self.least = self.path.start_remaining
         self.grasped = self.lifted = False
@@ -240,19 +238,18 @@ class PickPlaceEnv(gym.Env):
         up = self.data.xmat[body][[2, 5]]
         can_velocity = self.data.cvel[body][3:]
         centre = np.array([0, 0, TABLE_HEIGHT + 0.1])
-        lengths = [hand - centre, can - hand, self.goal - can]
         obstacles = [self.body(name) - hand for name in OBSTACLES]
         setback = min((self.remaining - self.best) / 0.05, 2.0)
         command = float(self.controller.gripper.target == CLOSED_ANGLE)
         return np.concatenate(
             [
-                lengths[0] / LENGTH_SCALE,
+                (hand - centre) / LENGTH_SCALE,
                 velocity / SPEED_SCALE,
                 (self.controller.goal_pos - hand) / 0.05,
-                lengths[1] / LENGTH_SCALE,
+                (can - hand) / LENGTH_SCALE,
                 up,
                 can_velocity / SPEED_SCALE,
-                lengths[2] / LENGTH_SCALE,
+                (self.goal - can) / LENGTH_SCALE,
                 *(o / LENGTH_SCALE for o in obstacles),
                 [self.closure(), command, float(self.grasped), float(self.lifted), setback],
             ]

@@ -6,22 +6,18 @@ without touching the four obstacles. Coordinates are metres in robosuite's world
 the robot, y to the right as seen by a person facing the robot, z up, the table's top at z = 0.8.
 """
 
-import logging
 import xml.etree.ElementTree as ET
 
 import mujoco
 import numpy as np
-
-# robosuite greets every import and every environment with a burst of warnings.
-logging.disable(logging.WARNING)
-from robosuite.controllers import load_composite_controller_config  # noqa: E402
-from robosuite.environments.manipulation.manipulation_env import ManipulationEnv  # noqa: E402
-from robosuite.models.arenas import TableArena  # noqa: E402
-from robosuite.models.grippers import register_gripper  # noqa: E402
-from robosuite.models.grippers.jaco_three_finger_gripper import (  # noqa: E402
+from robosuite.controllers import load_composite_controller_config
+from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
+from robosuite.models.arenas import TableArena
+from robosuite.models.grippers import register_gripper
+from robosuite.models.grippers.jaco_three_finger_gripper import (
     JacoThreeFingerGripperBase,
 )
-from robosuite.models.objects import (  # noqa: E402
+from robosuite.models.objects import (
     BottleObject,
     BreadObject,
     CanObject,
@@ -29,11 +25,7 @@ from robosuite.models.objects import (  # noqa: E402
     CylinderObject,
     LemonObject,
 )
-from robosuite.models.tasks import ManipulationTask  # noqa: E402
-from robosuite.utils.log_utils import ROBOSUITE_DEFAULT_LOGGER  # noqa: E402
-
-logging.disable(logging.NOTSET)
-ROBOSUITE_DEFAULT_LOGGER.setLevel(logging.ERROR)
+from robosuite.models.tasks import ManipulationTask
 
 TABLE_HEIGHT = 0.8
 OBSTACLES = ("lemon", "cereal", "bottle", "bread")
@@ -122,27 +114,24 @@ class Workspace(ManipulationEnv):
     FAST_TIMESTEP = 0.004
     reward_scale = 1.0  # robosuite's GymWrapper asks for it
 
-    def __init__(self, fast=True, control_freq=10, seed=0, **kwargs):
+    def __init__(self, fast=True, control_freq=10, seed=0):
         self.fast = fast
         self.placement_rng = np.random.default_rng(seed)
         self.placement = {}
         controller = load_composite_controller_config(controller="BASIC", robot="Jaco")
         arm = controller["body_parts"]["right"]
         arm.update(input_type="absolute", input_ref_frame="world", uncouple_pos_ori=False)
-        defaults = {
-            "has_renderer": False,
-            "has_offscreen_renderer": False,
-            "use_camera_obs": False,
-            "ignore_done": True,
-            "hard_reset": False,
-        }
         super().__init__(
             robots="Jaco",
             controller_configs=controller,
             gripper_types="JacoPersistentGripper",
             initialization_noise=None,
             control_freq=control_freq,
-            **{**defaults, **kwargs},
+            has_renderer=False,
+            has_offscreen_renderer=False,
+            use_camera_obs=False,
+            ignore_done=True,
+            hard_reset=False,
         )
 
     def _load_model(self):
