@@ -173,13 +173,6 @@ class InputFormat:
         """Sampling rate the networks see, Hz."""
         return self.sfreq / self.decimation
 
-    @property
-    def network_times(self):
-        """Times of the samples the networks see, s after the feedback (centres of averages)."""
-        n = (self.stop - self.start) // self.decimation
-        first = self.tmin + (self.start + (self.decimation - 1) / 2) / self.sfreq
-        return first + np.arange(n) / self.network_sfreq
-
     def pick(self, epochs):
         """Bring a subject's channels into order by name.
 
