@@ -99,13 +99,15 @@ def run_loso(
     return _merge(folder, subjects, settings, input_format, hashes)
 
 
-def loader(eeg):
+def loader(eeg, events=("correct", "error")):
     """Return the loader of a source's epochs that `run_loso` takes, in the recorded reference.
 
     Parameters
     ----------
     eeg : str or Path
         "simulated", "hri" or a folder of epochs; see `preprocessing.load_epochs`.
+    events : pair of str
+        Names of the correct and the error event in a folder of epochs.
 
     Returns
     -------
@@ -118,7 +120,9 @@ def loader(eeg):
     share is lost: on validation subjects of the NER 2015 feedback potentials AUROC fell from 0.69
     to 0.64. The paper says "re-referencing"; its recordings come referenced to linked mastoids.
     """
-    return partial(load_epochs, eeg, settings=Preprocessing(reference="recorded"))
+    correct, error = events
+    settings = Preprocessing(reference="recorded", correct_event=correct, error_event=error)
+    return partial(load_epochs, eeg, settings=settings)
 
 
 def load_subject(load, subject, settings=DEFAULTS):

@@ -4,11 +4,6 @@ import mne
 import numpy as np
 from scipy import stats
 
-#: Difference wave at Cz of ErrP-HRI's cursor scenario (Ehrlich & Cheng 2019): sign, from, to (s).
-PUBLISHED_CZ = ((1, 0.086, 0.199), (-1, 0.199, 0.273), (1, 0.273, 0.375), (-1, 0.375, 0.515))
-#: Its largest peak divided by the standard deviation from trial to trial, 1-10 Hz.
-PUBLISHED_PEAK_OVER_SD = 0.59
-
 
 def difference_wave(epochs):
     """Mean of the error epochs minus mean of the correct epochs.

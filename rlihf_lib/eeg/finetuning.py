@@ -58,6 +58,11 @@ def fine_tune(decoder, signals, labels, n_steps=20, learning_rate=1e-4):
     return Decoder(decoder.input_format, networks, decoder.temperature, decoder.prior)
 
 
+def feasible_counts(n_events, counts=COUNTS):
+    """Return the counts that leave at least half of `n_events` to be scored on."""
+    return tuple(count for count in counts if 2 * count <= n_events)
+
+
 def online_update(load, subjects, folder, settings=DEFAULTS, counts=COUNTS):
     """Score every subject's decoder after fine-tuning on the first N events.
 

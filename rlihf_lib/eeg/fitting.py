@@ -96,7 +96,7 @@ def fit_fold(pool, input_format, settings, device="auto"):
     """
     device = choose_device(device)
     fold = pool.fold
-    x, y, offsets, rows = _concatenate(pool, device)
+    x, y, offsets, rows = concatenate(pool, device)
     training, validation = (
         [torch.cat([rows[s] for s in subjects]) for subjects in per_network]
         for per_network in (
@@ -146,7 +146,7 @@ def fit_fold(pool, input_format, settings, device="auto"):
     return FittedFold(decoder, scored, history)
 
 
-def _concatenate(pool, device):
+def concatenate(pool, device):
     """Join the subjects: epochs (n_channels, n, m), labels and prior log-odds (n,), their rows."""
     rows, offsets, first = {}, [], 0
     for subject, (_, labels) in pool.items():

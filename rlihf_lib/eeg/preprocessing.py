@@ -189,14 +189,21 @@ def _cached(eeg, subject, settings):
     if not (file.is_file() and table.is_file()):
         raw, events = load_continuous(eeg, subject, settings)
         with atomic_path(file) as temporary:
-            _cut(raw, events, settings).save(temporary, overwrite=True, verbose="error")
+            cut(raw, events, settings).save(temporary, overwrite=True, verbose="error")
         write_csv(table, events)
     events = pd.read_csv(table, dtype={"subject": str, "session": str})
     epochs = mne.read_epochs(file, verbose="error")
     return epochs, events
 
 
-def _cut(raw, events, settings):
+def cut(raw, events, settings):
+    """Cut the kept events of a continuous recording, both as `load_continuous` gives them.
+
+    Returns
+    -------
+    mne.EpochsArray
+        See `load_epochs`.
+    """
     kept = events[events["status"] == "kept"].drop(columns="status").reset_index(drop=True)
     n_times = round(settings.duration * raw.info["sfreq"])
     data = raw.get_data()

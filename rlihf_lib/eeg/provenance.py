@@ -10,7 +10,8 @@ _CALIBRATED = "calibrated: "
 ORIGINS = {
     "feedback": "visual P1, N1, P2 and P3 at textbook latencies; the same for both outcomes",
     "error": "latencies and signs at Cz: Ehrlich & Cheng 2019; sites: error negativity fronto-"
-    "central, positivity centro-parietal; moments " + _CALIBRATED + "peak over SD 0.59",
+    "central, positivity centro-parietal; moments " + _CALIBRATED + "peak over SD 0.59, "
+    "and how many subjects' largest peak is the negativity (largest peak at 282 +- 40 ms)",
     "jitter": "assumed, some 20 ms between trials",
     "trial_spread": "assumed",
     "lapse": "assumed; the best subject (.98) leaves no room for more",

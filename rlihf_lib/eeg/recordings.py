@@ -224,8 +224,7 @@ def read_folder_epochs(folder, subject, correct="correct", error="error"):
         if not (labels == label).any():
             raise ValueError(
                 f"{folder}: subject {subject} has no epoch of the event {name!r} (its events: "
-                f"{', '.join(sorted(found)) or 'none'}); rename the events, or set correct_event "
-                "and error_event in Preprocessing"
+                f"{', '.join(sorted(found)) or 'none'}); name the two with --events OK ERR"
             )
     set_positions(first)
     return np.concatenate(data), first.info, first.tmin, labels, np.array(sessions)

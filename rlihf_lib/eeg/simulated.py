@@ -65,9 +65,9 @@ class Model:
     #: Evoked by a perceived error, on top of `feedback`.
     error: tuple[Component, ...] = (
         Component("early positivity", 0.164, 0.024, (0.0, 0.10, 0.60), (0.0, 0.2, 1.0), 10.0),
-        Component("error negativity", 0.238, 0.024, (0.0, 0.32, 0.52), (0.0, 0.3, -1.0), 24.0),
+        Component("error negativity", 0.238, 0.024, (0.0, 0.32, 0.52), (0.0, 0.3, -1.0), 30.0),
         Component("error positivity", 0.318, 0.029, (0.0, 0.10, 0.55), (0.0, 0.2, 1.0), 22.0),
-        Component("late negativity", 0.428, 0.028, (0.0, 0.05, 0.55), (0.0, 0.1, -1.0), 13.0),
+        Component("late negativity", 0.428, 0.028, (0.0, 0.05, 0.55), (0.0, 0.1, -1.0), 10.0),
         Component("parietal positivity", 0.420, 0.060, (0.0, -0.50, 0.40), (0.0, -1.0, 0.6), 22.0),
         Component("frontal positivity", 0.550, 0.060, (0.0, 0.42, 0.40), (0.0, 1.0, 0.7), 18.0),
         Component("visual negativity", 0.260, 0.030, (0.0, -0.60, 0.15), (0.0, 1.0, -0.1), 16.0),

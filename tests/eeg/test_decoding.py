@@ -3,10 +3,11 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import expit, logit
 
 from rlihf_lib.eeg import decoding
 from rlihf_lib.eeg.decoder import Decoder
-from rlihf_lib.eeg.fitting import DecoderSettings
+from rlihf_lib.eeg.fitting import DecoderSettings, choose_device
 
 SETTINGS = DecoderSettings(
     max_epochs=10, patience=10, ensemble=2, n_permutations=100, n_validation=1, batch_size=16
@@ -41,6 +42,22 @@ def test_a_planted_error_potential_is_decoded(finished):
     assert (scores["n_epochs"] == 60).all() and (scores["n_errors"] == 20).all()
     for column in ("accuracy_pretrain", "accuracy_online", "balanced_accuracy", "ece"):
         assert scores[column].between(0, 1).all()
+
+
+def test_the_table_keeps_raw_and_temperature_scaled_p(finished):
+    table = pd.read_csv(finished / "p_error.csv", float_precision="round_trip")
+    for subject, rows in table.groupby("subject"):
+        decoder = decoding.load_decoder(finished, subject)
+        evidence = logit(rows["p_error_raw"]) - logit(decoder.prior)
+        scaled = expit(evidence / decoder.temperature + logit(decoder.prior))
+        np.testing.assert_allclose(rows["p_error"], scaled, atol=1e-6)
+
+
+def test_the_device_is_a_gpu_where_there_is_one(monkeypatch):
+    for available, expected in ((False, "cpu"), (True, "cuda")):
+        monkeypatch.setattr("torch.cuda.is_available", lambda available=available: available)
+        assert choose_device("auto").type == expected
+    assert choose_device("cpu").type == "cpu"
 
 
 def test_pure_noise_is_not_decoded(make_epochs, tmp_path):
@@ -149,6 +166,14 @@ def refused(dataset, changed, tmp_path, message):
 def test_a_missing_channel_is_refused(dataset, tmp_path):
     changed = dataset["s04"].copy().drop_channels(["Cz"])
     refused(dataset, changed, tmp_path, "s04 lacks the channel.* Cz")
+
+
+def test_a_channel_only_one_subject_has_is_left_out(finished, dataset, make_epochs, tmp_path):
+    extra = make_epochs(7, channels=("Oz", "Fz", "Cz", "Pz", "C3", "C4")).pick(["Oz"])
+    more = dataset["s04"].copy()
+    more.add_channels([extra])
+    decoding.run_loso(dataset | {"s04": more}, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    assert contents(tmp_path)["p_error.csv"] == contents(finished)["p_error.csv"]
 
 
 def test_nan_is_refused(dataset, tmp_path):

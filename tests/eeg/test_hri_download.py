@@ -6,7 +6,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from rlihf_lib.eeg import hri
+from rlihf_lib.eeg import dataset, hri, simulated
+from rlihf_lib.eeg.preprocessing import load_epochs
 
 CONTENT = {
     "cursor/s02_cursor.fdt": bytes(range(256)) * 1000,
@@ -189,3 +190,17 @@ def test_a_missing_file_on_the_server_is_named(server, blobs):
 def test_an_unknown_subject_is_named():
     with pytest.raises(ValueError, match=r"'s99'.*s02, s03"):
         hri.recording("s99")
+
+
+def test_what_the_server_holds_becomes_labelled_epochs(server, tmp_path, monkeypatch):
+    monkeypatch.setattr(dataset, "N_BLOCKS", 2)
+    pair = tmp_path / "served" / "s12_cursor.set"
+    simulated.write_set(pair, *simulated.simulate("s12"))
+    served = {f"robot/{file.name}": file for file in (pair, pair.with_suffix(".fdt"))}
+    server.files = {path: file.read_bytes() for path, file in served.items()}
+    server.cut["robot/s12_cursor.fdt"] = 1_000_000
+    blobs = {path: hri.git_blob_id(file) for path, file in served.items()}
+    monkeypatch.setattr(hri, "blob_ids", lambda: blobs)
+    epochs = load_epochs("hri", "s12")
+    assert epochs.get_data().shape[1:] == (30, 512)
+    assert len(epochs["correct"]) + len(epochs["error"]) == len(epochs) > 40

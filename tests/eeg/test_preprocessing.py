@@ -7,7 +7,7 @@ import mne
 import numpy as np
 import pytest
 
-from rlihf_lib.eeg import dataset, preprocessing, recordings, simulated
+from rlihf_lib.eeg import dataset, decoding, preprocessing, recordings, simulated
 from rlihf_lib.eeg.preprocessing import (
     Preprocessing,
     load_continuous,
@@ -164,13 +164,12 @@ def test_an_unknown_reference_is_refused():
 # A folder of epochs
 
 
-def folder(tmp_path, sfreq, n_times, name="sub-01_epo.fif"):
+def folder(tmp_path, sfreq, n_times, name="sub-01_epo.fif", events=("correct", "error")):
     info = mne.create_info(["Cz", "Fz", "EOG"], sfreq, ["eeg", "eeg", "eog"])
     values = np.random.default_rng(0).normal(0, 1e-5, (6, 3, n_times))
-    events = np.column_stack([np.arange(6), np.zeros(6, int), [1, 2] * 3])
-    epochs = mne.EpochsArray(
-        values, info, events, tmin=-0.1, event_id={"correct": 1, "error": 2}, verbose="error"
-    )
+    array = np.column_stack([np.arange(6), np.zeros(6, int), [1, 2] * 3])
+    names = dict(zip(events, (1, 2), strict=True))
+    epochs = mne.EpochsArray(values, info, array, tmin=-0.1, event_id=names, verbose="error")
     epochs.save(tmp_path / name, fmt="double", verbose="error")
     return tmp_path, values
 
@@ -191,6 +190,15 @@ def test_long_epochs_are_filtered_and_fast_ones_resampled(tmp_path):
     power = np.abs(np.fft.rfft(epochs.get_data(), axis=-1)) ** 2
     f = np.fft.rfftfreq(power.shape[-1] * 2 - 2, 1 / 256)
     assert power[..., f > 30].mean() < 1e-3 * power[..., (f > 2) & (f < 18)].mean()
+
+
+def test_the_decoder_reads_events_of_any_name(tmp_path):
+    path, values = folder(tmp_path, 200.0, 141, events=("hit", "miss"))
+    epochs = decoding.loader(path, ("hit", "miss"))("01")
+    np.testing.assert_array_equal(epochs.get_data(), values)
+    assert epochs.event_id == {"correct": 1, "error": 2}
+    with pytest.raises(ValueError, match=r"events: hit, miss\); name the two with --events"):
+        decoding.loader(path)("01")
 
 
 def test_epochs_of_a_folder_are_not_a_stream(tmp_path):

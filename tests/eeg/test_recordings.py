@@ -202,6 +202,19 @@ def test_sessions_are_joined_and_channels_matched_by_name(tmp_path):
         np.testing.assert_allclose(values[:, index], hash_of(channel) * 1e-6, rtol=1e-6)
 
 
+def test_electrodes_get_the_position_of_their_name_and_keep_their_own(tmp_path):
+    epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
+    _, info, *_ = recordings.read_folder_epochs(tmp_path, "01")
+    found = info.get_montage().get_positions()["ch_pos"]
+    assert found["Fz"][1] > found["Cz"][1] + 0.03
+    own = {"Cz": (0.0, 0.01, 0.1), "Fz": (0.0, 0.07, 0.08)}
+    epochs = mne.read_epochs(tmp_path / "sub-01_epo.fif", verbose="error")
+    epochs.set_montage(mne.channels.make_dig_montage(own, coord_frame="head"), on_missing="ignore")
+    epochs.save(tmp_path / "sub-01_epo.fif", overwrite=True, verbose="error")
+    _, info, *_ = recordings.read_folder_epochs(tmp_path, "01")
+    np.testing.assert_allclose(info["chs"][0]["loc"][:3], own["Cz"], atol=1e-6)
+
+
 def test_event_names_are_configurable_and_others_left_out(tmp_path):
     names = {"hit": 1, "miss": 2, "rest": 3}
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 1, 2, 1], events=names)

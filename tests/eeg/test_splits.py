@@ -56,3 +56,15 @@ def test_the_held_out_subject_cannot_be_reached_from_the_training_pool():
         with pytest.raises(LeakageError, match="not in the training pool"):
             cheat()
     assert "s03" not in pool and secret not in vars(pool)["_data"].values()
+
+
+def test_adding_the_held_out_subject_to_the_data_afterwards_does_not_help():
+    data = {subject: subject for subject in SUBJECTS}
+    fold = leave_one_subject_out(SUBJECTS)[1]
+    pool = fold.training_pool(data)
+    data["s04"] = data["s03"]
+    assert pool["s04"] == "s04" and len(pool) == 3
+    with pytest.raises(TypeError):
+        pool["s03"] = data["s03"]
+    with pytest.raises(AttributeError):
+        fold.pool = SUBJECTS

@@ -39,3 +39,17 @@ def test_whitening_makes_the_mean_covariance_the_identity():
     matrix = whitening(signals)
     covariance = np.mean([np.cov(matrix @ epoch) for epoch in signals], axis=0)
     np.testing.assert_allclose(covariance, np.eye(5), atol=0.02)
+
+
+def test_across_subjects_no_label_of_the_held_out_person_is_used():
+    data = {f"{seed}": epochs(seed, 0.3) for seed in range(3)}
+    honest = across_subjects(data)["auroc"]
+    data["1"].events[:, 2] = 3 - data["1"].events[:, 2]
+    assert across_subjects(data)["auroc"]["1"] == pytest.approx(1 - honest["1"])
+
+
+def test_within_a_subject_labels_of_a_test_fold_do_not_help():
+    """Labels drawn at random, one per tenth of the session, can be had from the fold only."""
+    noise = epochs(0, 0.0)
+    noise.events[:, 2] = 1 + np.repeat(np.arange(10) % 2, 20)
+    assert within_subject(noise)["auroc"] < 0.65
