@@ -11,6 +11,7 @@ from rlihf_lib.rl.config import RunConfig
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")
+EVENTS = ("correct", "error")
 STAGES = ("sparse", "dense", "rlihf", "ablation")
 
 
@@ -77,7 +78,7 @@ PROFILES = {
             n_policy_subjects=3,
             n_ablation_subjects=1,
             seeds=(0, 1),
-            total_steps=20_000,
+            total_steps=48_000,
             eval_every=4_000,
             decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
@@ -107,6 +108,8 @@ class Study:
         `sub-XX[_ses-YY]_epo.fif`.
     out : str or Path
         Where `results/` and `figures/` go; empty for the repository.
+    events : sequence of str
+        Names of the correct and the error event in a folder of epochs.
 
     Attributes
     ----------
@@ -118,10 +121,11 @@ class Study:
     Raises
     ------
     ValueError
-        If the profile is unknown, or `eeg` is neither a known source nor a folder.
+        If the profile is unknown, `eeg` is neither a known source nor a folder, or `events` are
+        not two names, or other ones than the default for a known source.
     """
 
-    def __init__(self, profile="quick", eeg="simulated", out=""):
+    def __init__(self, profile="quick", eeg="simulated", out="", events=EVENTS):
         if profile not in PROFILES:
             raise ValueError(f"profile is {profile!r}; choose one of {', '.join(PROFILES)}")
         self.profile = PROFILES[profile]
@@ -142,6 +146,11 @@ class Study:
                     f"the EEG folder {self.eeg} is named like a built-in source, "
                     "so their results would mix; rename the folder"
                 )
+        self.events = tuple(events)
+        if len(set(self.events)) != 2:
+            raise ValueError(f"events are {self.events}; give the names of two, correct and error")
+        if self.eeg in EEG_SOURCES and self.events != EVENTS:
+            raise ValueError(f"events can be named for a folder of epochs only, not for {self.eeg}")
         self.name = f"{profile}-{self.eeg_name}"
         self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name

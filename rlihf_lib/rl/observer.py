@@ -1,18 +1,18 @@
 """The simulated person: which moments look wrong, and what their EEG then says.
 
-The rule, in words: *The observer expects the robot to get on with it. A moment looks right when
-the robot comes visibly closer to having done the task than it has been within memory; it looks
-wrong when the robot stands still, drifts, goes back, or makes up for ground it has just lost, and
-always when hand or can come uncomfortably close to something that is not to be touched.* Memory of
-the best so far fades slowly, so that after a failure the observer is soon content with progress
-from where the robot now is. The rule is the same for every subject and weight, depends only on
-what has been seen, and uses the same length of remaining path in every stage: reaching, closing,
-lifting, carrying, lowering, opening.
+The rule, in words: *The observer expects the robot to get on with it. A moment looks right when it
+brings the robot visibly closer to having done the task than it has been within memory; it looks
+wrong when the robot stands still, dawdles, drifts, goes back, or makes up for ground it has just
+lost, and always when hand or can come uncomfortably close to something that is not to be touched.*
+Visible means a quarter of the robot's full speed. Memory of the best so far fades slowly, so that
+after a failure the observer is in time content with progress from where the robot now is. The rule
+is the same for every subject and weight, depends only on what has been seen, and uses the same
+length of remaining path in every stage: reaching, closing, lifting, carrying, lowering, opening.
 """
 
 import pandas as pd
 
-VISIBLE_PROGRESS = 0.003  # metres of remaining path in one step below which nothing seems to happen
+VISIBLE_PROGRESS = 0.007  # metres of remaining path in one step of 0.1 s
 PREFERRED_CLEARANCE = 0.02  # metres between hand or can and an obstacle below which people worry
 
 

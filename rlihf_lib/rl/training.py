@@ -60,6 +60,8 @@ class _Record(BaseCallback):
         seeds = range(first, first + config.eval_rollouts)
         rows = evaluate(self.evaluation_env, self.model, seeds)
         self.evaluations += [{"step": self.num_timesteps, **row} for row in rows]
+        # Kept as evaluated: SB3 updates once more after the last step.
+        self.actor = {k: v.clone() for k, v in self.model.policy.actor.state_dict().items()}
         self.progress(self.num_timesteps)
 
 
@@ -97,14 +99,18 @@ def train_run(config, folder, p_error=None, progress=lambda step: None):
         rows = p_error[p_error["subject"] == config.subject]
         observer = Observer(rows, np.random.default_rng(observer_seed))
     env = TrainingReward(
-        PickPlaceEnv(config.horizon), config.condition, config.sac.discount, config.w_hf, observer
+        PickPlaceEnv(config.horizon, config.patience),
+        config.condition,
+        config.sac.discount,
+        config.w_hf,
+        observer,
     )
     env.reset(seed=int(placement % EVALUATION_SEEDS))
     model = make_sac(env, config.sac, int(learner))
     record = _Record(config, PickPlaceEnv(config.horizon), progress)
     model.learn(config.total_steps, callback=record)
     with atomic_path(folder / "actor.safetensors") as path:
-        save_file(model.policy.actor.state_dict(), path)
+        save_file(record.actor, path)
     write_text(
         folder / "config.json",
         canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",

@@ -133,8 +133,8 @@ class Controller:
         Parameters
         ----------
         action : ndarray, shape (4,)
-            In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), gripper (> 0.3 closes,
-            < -0.3 opens, between keeps).
+            In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), aperture (-1 open,
+            1 closed round a can).
         """
         model, data = self.model, self.data
         self.move_goal(action)

@@ -30,7 +30,7 @@ OBSERVATION = (
     ("goal from can", 3, "0.2 m"),
     *((f"{name} from hand", 3, "0.2 m") for name in OBSTACLES),
     ("finger closure, 0 open to 1 closed", 1, "1"),
-    ("gripper command, 0 open or 1 closed", 1, "1"),
+    ("fingers as commanded, 0 open to 1 closed", 1, "1"),
     ("can is held", 1, "0 or 1"),
     ("can has been lifted 5 cm in this episode", 1, "0 or 1"),
     ("setback: progress lost since the best in memory", 1, "0.05 m, at most 2"),
@@ -64,16 +64,19 @@ class Moment:
 class PickPlaceEnv(gym.Env):
     """Obstacle-avoiding pick-and-place with the Kinova Gen2.
 
-    Action: Box(-1, 1, (4,)): hand displacement along x, y, z (1 = 3 cm), gripper (above 0.3 closes,
-    below -0.3 opens, between keeps). Observation: Box, entries and units in `OBSERVATION`.
+    Action: Box(-1, 1, (4,)): hand displacement along x, y, z (1 = 3 cm), aperture of the hand (-1
+    open, 1 closed round a can). Observation: Box, entries and units in `OBSERVATION`.
     Reward: 1 in the step that places the can, else 0; training rewards are made of `info["moment"]`
     (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost. `truncated`: the
-    horizon.
+    horizon, or `patience`.
 
     Parameters
     ----------
     horizon : int
         Steps after which an episode is truncated (paper: 1000).
+    patience : int, optional
+        Steps without getting further than ever before in the episode after which it is truncated,
+        as somebody would stop and reset a robot that is stuck.
     control_freq : float
         Control steps per second.
     workspace : Workspace, optional
@@ -83,8 +86,8 @@ class PickPlaceEnv(gym.Env):
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
 
-    def __init__(self, horizon=1000, control_freq=10, workspace=None):
-        self.horizon = horizon
+    def __init__(self, horizon=1000, patience=None, control_freq=10, workspace=None):
+        self.horizon, self.patience = horizon, patience or horizon
         self.workspace = workspace or Workspace(control_freq=control_freq)
         self.controller = (Controller if self.workspace.fast else StockController)(self.workspace)
         self.model, self.data = self.controller.model, self.controller.data
@@ -114,7 +117,7 @@ class PickPlaceEnv(gym.Env):
             self.workspace.reseed(seed)
         self.workspace.reset()
         self.controller.reset()
-        self.steps = 0
+        self.steps = self.advanced = 0
         self.travelled = 0.0
         self.squared_deviation = 0.0
         self.collisions = 0
@@ -135,7 +138,8 @@ class PickPlaceEnv(gym.Env):
         self.steps += 1
         moment = self._judge(before)
         terminated = moment.success or moment.lost
-        truncated = not terminated and self.steps >= self.horizon
+        stuck = self.steps - self.advanced >= self.patience
+        truncated = not terminated and (stuck or self.steps >= self.horizon)
         info = {"moment": moment, "is_success": moment.success}
         if terminated or truncated:
             info["metrics"] = self.metrics(moment.success)
@@ -174,7 +178,8 @@ class PickPlaceEnv(gym.Env):
             lost=lost,
         )
         self.remaining = remaining
-        self.least = min(self.least, remaining)
+        if remaining < self.least:
+            self.least, self.advanced = remaining, self.steps
         self.best = min(remaining, self.best + FORGETTING)
         self.travelled += float(np.linalg.norm(hand - before))
         self.squared_deviation += deviation**2
@@ -186,7 +191,7 @@ class PickPlaceEnv(gym.Env):
     def closure(self):
         """How far the fingers are closed, 0 open to 1 closed."""
         angle = self.data.qpos[[ARM_DOFS, ARM_DOFS + 2, ARM_DOFS + 4]].mean()
-        return float(np.clip((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0, 1))
+        return _closure(angle)
 
     def body(self, name):
         """Centre of the can or of an obstacle, metres, shape (3,)."""
@@ -240,7 +245,7 @@ class PickPlaceEnv(gym.Env):
         centre = np.array([0, 0, TABLE_HEIGHT + 0.1])
         obstacles = [self.body(name) - hand for name in OBSTACLES]
         setback = min((self.remaining - self.best) / 0.05, 2.0)
-        command = float(self.controller.gripper.target == CLOSED_ANGLE)
+        commanded = _closure(self.controller.gripper.angle)
         return np.concatenate(
             [
                 (hand - centre) / LENGTH_SCALE,
@@ -251,10 +256,15 @@ class PickPlaceEnv(gym.Env):
                 can_velocity / SPEED_SCALE,
                 (self.goal - can) / LENGTH_SCALE,
                 *(o / LENGTH_SCALE for o in obstacles),
-                [self.closure(), command, float(self.grasped), float(self.lifted), setback],
+                [self.closure(), commanded, float(self.grasped), float(self.lifted), setback],
             ]
         ).astype(np.float32)
 
     def close(self):
         """Free the simulation."""
         self.workspace.close()
+
+
+def _closure(angle):
+    """Finger angle, rad, as 0 open to 1 closed."""
+    return float(np.clip((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0, 1))

@@ -8,8 +8,6 @@ the length that is left; beside it, coming back costs `DETOUR` times the distanc
     D(x) = min_q  DETOUR * |x - q| + length left at q,      q on the ideal path.
 """
 
-from itertools import pairwise
-
 import numpy as np
 
 LIFT = 0.10  # metres the can is lifted before it is carried
@@ -18,7 +16,67 @@ DETOUR = 2.5  # price of a metre beside the path; 1 would let the hand cut the c
 VIA = ((-0.26, -0.06), (-0.26, 0.06))  # where the path passes the bottle and the cereal box
 GRASP_WORTH = 0.10  # metres: closing the fingers round the can, half of it for the hold itself
 NEAR, FAR = 0.02, 0.05  # metres from the can: closing counts fully, not at all
-_SPACING = 0.01
+
+
+class Polyline:
+    """Straight pieces from vertex to vertex.
+
+    Parameters
+    ----------
+    vertices : array-like, shape (n, 3)
+        Metres.
+
+    Attributes
+    ----------
+    length : float
+        Metres.
+    """
+
+    def __init__(self, vertices):
+        vertices = np.asarray(vertices, float)
+        pieces = np.diff(vertices, axis=0)
+        self._lengths = np.linalg.norm(pieces, axis=1)
+        self._starts = vertices[:-1]
+        # Two equal vertices leave a piece without length, whose direction doesn't matter.
+        self._directions = pieces / np.maximum(self._lengths, 1e-12)[:, None]
+        self._before = np.append(0.0, np.cumsum(self._lengths))
+        self.length = float(self._before[-1])
+
+    def distances(self, point):
+        """Distance from `point` (3,) to each piece, shape (n - 1,), metres."""
+        return self._from_pieces(point, 0.0)[1]
+
+    def remaining(self, point):
+        """Price of going on to the end from `point` (3,), and where the path is joined, metres.
+
+        Returns
+        -------
+        left : float
+            min over q of `DETOUR` * |point - q| + length left at q.
+        joined : float
+            Length from the start to the best q.
+        """
+        # A metre beside the path costs DETOUR, so the path is best joined further on, at the angle
+        # at which what is saved along it no longer pays for the longer way across.
+        along, distance = self._from_pieces(point, 1 / np.sqrt(DETOUR**2 - 1))
+        joined = self._before[:-1] + along
+        left = DETOUR * distance + self.length - joined
+        best = left.argmin()
+        return float(left[best]), float(joined[best])
+
+    def _from_pieces(self, point, slope):
+        """Length along each piece to where it is joined, and the distance to there."""
+        offset = point - self._starts
+        foot = (offset * self._directions).sum(axis=1)
+        beside = np.sqrt(np.maximum((offset**2).sum(axis=1) - foot**2, 0.0))
+        along = np.clip(foot + slope * beside, 0.0, self._lengths)
+        return along, np.sqrt(beside**2 + (along - foot) ** 2)
+
+    def at(self, length):
+        """Point `length` metres from the start, shape (3,); beyond the end, the end."""
+        piece = min(np.searchsorted(self._before, length, side="right"), len(self._lengths)) - 1
+        along = min(length - self._before[piece], self._lengths[piece])
+        return self._starts[piece] + along * self._directions[piece]
 
 
 class IdealPath:
@@ -45,11 +103,10 @@ class IdealPath:
         self.reach = np.array([hand, can + HOVER * up, can])
         via = [np.array([*xy, height]) for xy in VIA]
         self.carry = np.array([can, can + LIFT * up, *via, [*goal[:2], height], goal])
-        self._descent = _sample(np.array([HOVER * up, 0 * up]))
-        self._carry_samples = _sample(self.carry)
-        self._all_points = np.vstack([_sample(self.reach)[0], self._carry_samples[0]])
-        self.carry_length = polyline_length(self.carry)
-        self.length = polyline_length(self.reach) + self.carry_length
+        self._descent = Polyline([HOVER * up, 0 * up])
+        self._reach, self._carry = Polyline(self.reach), Polyline(self.carry)
+        self.carry_length = self._carry.length
+        self.length = self._reach.length + self.carry_length
         self.start_remaining = self.remaining(hand, can, False, 0.0)
 
     def remaining_reach(self, hand, can):
@@ -59,16 +116,14 @@ class IdealPath:
         aside, height lost costs `DETOUR`.
         """
         offset = hand - can
-        points, left = self._descent
-        beside = (DETOUR * np.sqrt(((points - offset) ** 2).sum(axis=1)) + left).min()
+        beside, _ = self._descent.remaining(offset)
         too_low = max(0.0, HOVER / 2 - offset[2])
-        straight = np.sqrt(((points[0] - offset) ** 2).sum()) + HOVER + DETOUR * too_low
+        straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + DETOUR * too_low
         return float(min(beside, straight))
 
     def remaining_carry(self, can):
         """Length left of the way with the can, from `can` (3,), metres."""
-        points, left = self._carry_samples
-        return float((DETOUR * np.sqrt(((points - can) ** 2).sum(axis=1)) + left).min())
+        return self._carry.remaining(can)[0]
 
     def remaining(self, hand, can, grasped, closure):
         """Remaining path D of a state, metres.
@@ -97,29 +152,11 @@ class IdealPath:
 
     def deviation(self, hand):
         """Distance from `hand` (3,) to the nearest point of the ideal path, metres."""
-        return float(np.sqrt(((self._all_points - hand) ** 2).sum(axis=1).min()))
+        return float(min(self._reach.distances(hand).min(), self._carry.distances(hand).min()))
 
     def lookahead(self, can, distance):
         """Point of the carry leg `distance` metres beyond the one that serves `can` best, (3,)."""
-        points, left = self._carry_samples
-        best = (DETOUR * np.sqrt(((points - can) ** 2).sum(axis=1)) + left).argmin()
-        return points[min(best + round(distance / _SPACING), len(points) - 1)]
-
-
-def polyline_length(points):
-    """Length of a polyline with vertices `points`, shape (n, 3), metres."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-
-def _sample(vertices):
-    """Points every centimetre along a polyline and the length left at each, metres."""
-    pieces = [
-        np.linspace(a, b, max(1, round(np.linalg.norm(b - a) / _SPACING)), endpoint=False)
-        for a, b in pairwise(vertices)
-    ]
-    points = np.vstack([*pieces, vertices[-1:]])
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return points, np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+        return self._carry.at(self._carry.remaining(can)[1] + distance)
 
 
 def path_efficiency(ideal, executed, completed):

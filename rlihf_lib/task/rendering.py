@@ -1,16 +1,21 @@
-"""Pictures of the scene, off-screen.
+"""Pictures and films of the scene, off-screen.
 
 MuJoCo chooses its OpenGL library when it is first imported, and a missing one can end the process;
-so a picture is rendered in a process of its own, with EGL or else OSMesa.
+so they are rendered in a process of their own, with EGL or else OSMesa.
 """
 
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
+import numpy as np
+
 BACKENDS = ("egl", "osmesa")
-WIDTH, HEIGHT = 960, 720  # pixels
+PICTURE_SIZE = (960, 720)  # pixels
+FILM_SIZE = (320, 240)
+FILM_COLOURS = 64  # of the palette; keeps a film to a few hundred kB
 
 
 def render(path, seed=0):
@@ -28,37 +33,79 @@ def render(path, seed=0):
     str
         The OpenGL library used; empty, and no file written, where there is none.
     """
+    return _in_own_process(path, seed, "")
+
+
+def film(path, qpos, seed, fps=10):
+    """Render a rollout.
+
+    Parameters
+    ----------
+    path : Path
+        GIF file to write.
+    qpos : ndarray, shape (n_frames, nq)
+        Generalised positions, one frame each (`rlihf_lib.rl.replay.Recording`).
+    seed : int
+        Of the placement.
+    fps : int
+        Frames per second; a control step takes 0.1 s.
+
+    Returns
+    -------
+    str
+        The OpenGL library used; empty, and no file written, where there is none.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        positions = Path(folder) / "qpos.npy"
+        np.save(positions, qpos)
+        return _in_own_process(path, seed, str(positions), str(fps))
+
+
+def _in_own_process(path, seed, *arguments):
     for backend in BACKENDS:
         environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
-        command = [sys.executable, "-m", __spec__.name, str(path), str(seed)]
+        command = [sys.executable, "-m", __spec__.name, str(path), str(seed), *arguments]
         done = subprocess.run(command, env=environment, capture_output=True, check=False)
         if done.returncode == 0 and Path(path).is_file():
             return backend
     return ""
 
 
-def _render_here(path, seed):
-    import matplotlib.image
+def _render_here(path, seed, positions, fps=""):
     import mujoco
+    from PIL import Image
 
     from rlihf_lib.files import atomic_path
     from rlihf_lib.task.gym_env import PickPlaceEnv
 
     env = PickPlaceEnv()
     env.reset(seed=seed)
-    env.model.vis.global_.offwidth, env.model.vis.global_.offheight = WIDTH, HEIGHT
+    width, height = FILM_SIZE if positions else PICTURE_SIZE
+    env.model.vis.global_.offwidth, env.model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
     camera.lookat[:] = [-0.2, 0.0, 1.0]
-    camera.distance, camera.azimuth, camera.elevation = 1.6, 160.0, -25.0
+    camera.distance = 1.2 if positions else 1.6
+    camera.azimuth, camera.elevation = 160.0, -25.0
     options = mujoco.MjvOption()
     options.geomgroup[0], options.geomgroup[1] = 0, 1  # meshes, not collision shapes
     options.sitegroup[:] = 0
-    with mujoco.Renderer(env.model, HEIGHT, WIDTH) as renderer:
-        renderer.update_scene(env.data, camera, options)
-        pixels = renderer.render()
+    frames = []
+    with mujoco.Renderer(env.model, height, width) as renderer:
+        for qpos in np.load(positions) if positions else [env.data.qpos.copy()]:
+            env.data.qpos[:] = qpos
+            mujoco.mj_forward(env.model, env.data)
+            renderer.update_scene(env.data, camera, options)
+            frames.append(Image.fromarray(renderer.render()))
     with atomic_path(path) as temporary:
-        matplotlib.image.imsave(temporary, pixels)
+        if positions:
+            frames = [frame.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for frame in frames]
+            frames[0].save(
+                temporary, "GIF", save_all=True, append_images=frames[1:],
+                duration=1000 // int(fps), loop=0, optimize=True,
+            )  # fmt: skip
+        else:
+            frames[0].save(temporary, "PNG")
 
 
 if __name__ == "__main__":
-    _render_here(sys.argv[1], int(sys.argv[2]))
+    _render_here(sys.argv[1], int(sys.argv[2]), *sys.argv[3:])

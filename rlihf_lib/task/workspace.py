@@ -60,12 +60,11 @@ GRASPING = ("tip_collision", "pad_collision", "distal_collision")
 OPEN_ANGLE, CLOSED_ANGLE, FINGER_RANGE = 1.2, 0.6, 1.51
 FINGER_STEP = 0.15  # rad per control step: 1.5 rad/s at 10 Hz
 START_TURN = 0.35  # rad of the arm's first joint away from robosuite's start, towards the can
-GRIPPER_DEADBAND = 0.3
 
 
 @register_gripper
-class JacoPersistentGripper(JacoThreeFingerGripperBase):
-    """Jaco's hand with one command that persists: above 0.3 it closes, below -0.3 it opens.
+class JacoApertureGripper(JacoThreeFingerGripperBase):
+    """Jaco's hand with one command, the aperture wanted: -1 open to 1 closed round a can.
 
     robosuite's own one-action version integrates +-0.01 a step, so that closing takes about a
     hundred steps of the same sign and random actions never close the hand.
@@ -78,17 +77,15 @@ class JacoPersistentGripper(JacoThreeFingerGripperBase):
 
     def format_action(self, action):
         """Turn one command in [-1, 1] into the three finger actuators' commands."""
-        if action[0] > GRIPPER_DEADBAND:
-            self.target = CLOSED_ANGLE
-        elif action[0] < -GRIPPER_DEADBAND:
-            self.target = OPEN_ANGLE
-        self.angle += np.clip(self.target - self.angle, -FINGER_STEP, FINGER_STEP)
+        closed = (np.clip(action[0], -1, 1) + 1) / 2
+        target = OPEN_ANGLE + closed * (CLOSED_ANGLE - OPEN_ANGLE)
+        self.angle += np.clip(target - self.angle, -FINGER_STEP, FINGER_STEP)
         self.current_action = np.full(3, 2 * self.angle / FINGER_RANGE - 1)
         return self.current_action
 
     def open(self):
         """Command the hand open at once, as at the start of an episode."""
-        self.target = self.angle = OPEN_ANGLE
+        self.angle = OPEN_ANGLE
 
     @property
     def dof(self):
@@ -124,7 +121,7 @@ class Workspace(ManipulationEnv):
         super().__init__(
             robots="Jaco",
             controller_configs=controller,
-            gripper_types="JacoPersistentGripper",
+            gripper_types="JacoApertureGripper",
             initialization_noise=None,
             control_freq=control_freq,
             has_renderer=False,

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rlihf_lib.rl.config import SACSettings
 from rlihf_lib.rl.observer import Observer, looks_wrong, perfect_table
 from rlihf_lib.rl.rewards import (
     PLACED,
@@ -24,7 +25,7 @@ QUIET = Moment(
     remaining=0.5, gained=0.02, best=0.52, deviation=0.0, clearance=0.1,
     collided=False, grasped=True, success=False, lost=False,
 )  # fmt: skip
-DISCOUNT, HORIZON = 0.98, 200
+DISCOUNT, HORIZON = SACSettings().discount, 200
 ABOVE = np.array([0, 0, 0.1])
 
 
@@ -40,15 +41,26 @@ def test_errp_reward_is_one_minus_p():
 def test_task_reward_pays_success_for_ever_and_penalises_collisions():
     assert task_reward(moment(), DISCOUNT) == 0
     assert task_reward(moment(collided=True), DISCOUNT) == -0.5
-    assert task_reward(moment(success=True), DISCOUNT) == pytest.approx(50)
+    assert task_reward(moment(success=True), 0.98) == pytest.approx(50)
 
 
-def test_alignment_reward_rises_along_the_path_with_steps_at_grasp_and_lift():
-    held = PATH.carry_length
-    left = [held + 0.4, held + 0.1, held + 0.05, held, held - 0.1, 0.1, 0.0]
-    values = [alignment_reward(moment(remaining=x), PATH) for x in left]
-    assert np.diff(values).min() > 0 and values[3] - values[2] > 0.09
-    assert 0 < values[0] and values[-1] < PLACED
+def test_alignment_reward_of_a_path_depends_on_its_ends_only():
+    there = [alignment_reward(moment(gained=x)) for x in (0.03, 0.05, -0.08)]
+    assert there[0] == pytest.approx(0.75) and sum(there) == pytest.approx(0)
+
+
+def test_progress_hardly_ever_falls_along_the_experts_way():
+    env = PickPlaceEnv(HORIZON)
+    for seed in (1, 2, 3):
+        env.reset(seed=seed)
+        lost, done = [0.0], False
+        while not done:
+            *_, terminated, truncated, info = env.step(expert_action(env))
+            # Opening over the goal, the fingers let go of the can a moment before it stands.
+            if env.remaining > 0.05:
+                lost.append(-info["moment"].gained)
+            done = terminated or truncated
+        assert info["is_success"] and max(lost) < 0.004
 
 
 def test_evaluation_reward_of_standing_still_is_zero_and_of_success_is_one():
@@ -63,6 +75,7 @@ def test_evaluation_reward_of_standing_still_is_zero_and_of_success_is_one():
     [
         ({}, False),
         ({"remaining": 0.52}, True),  # no progress
+        ({"remaining": 0.52 - 0.004}, True),  # hardly any
         ({"remaining": 0.5, "best": 0.45}, True),  # making up for lost ground
         ({"clearance": 0.01}, True),
         ({"collided": True}, True),
@@ -154,14 +167,18 @@ def test_expert_earns_more_than_every_exploiter(condition):
     env = TrainingReward(
         PickPlaceEnv(HORIZON), condition.split()[0], DISCOUNT, w_hf=0.7, observer=observer
     )
-    best = discounted_return(env, lambda e, _: expert_action(e), 0)
-    others = {act.__name__: discounted_return(env, act, 0) for act in EXPLOITERS}
+
+    def mean_return(act):
+        return np.mean([discounted_return(env, act, seed) for seed in range(3)])
+
+    best = mean_return(lambda e, _: expert_action(e))
+    others = {act.__name__: mean_return(act) for act in EXPLOITERS}
     assert best > 1.2 * max(0, *others.values()), (best, others)
 
 
 def test_expert_looks_right_in_nine_of_ten_steps():
     env, wrong = PickPlaceEnv(HORIZON), []
-    for seed in range(10):
+    for seed in range(25):
         env.reset(seed=seed)
         done = False
         while not done:

@@ -9,7 +9,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from rlihf_lib.task.expert import expert_action
 from rlihf_lib.task.gym_env import OBSERVATION, PickPlaceEnv
-from rlihf_lib.task.path import IdealPath, path_efficiency, polyline_length
+from rlihf_lib.task.path import IdealPath, Polyline, path_efficiency
 from rlihf_lib.task.workspace import Workspace
 
 CAN, GOAL, HAND = [-0.07, -0.2, 0.84], [-0.07, 0.2, 0.84], [-0.19, -0.15, 1.0]
@@ -65,6 +65,19 @@ def test_later_resets_draw_new_placements_from_the_seed(env):
     drawn = placements()
     assert not np.array_equal(drawn[1], drawn[2])
     np.testing.assert_array_equal(drawn, placements())
+
+
+def test_patience_truncates_a_robot_that_is_stuck_and_spares_one_that_gets_on():
+    env = PickPlaceEnv(horizon=200, patience=10)
+    env.reset(seed=1)
+    ends = [env.step(np.array([0, 0, 1, -1]))[2:4] for _ in range(12)]
+    assert (False, True) in ends and not any(terminated for terminated, _ in ends)
+    env.reset(seed=1)
+    done = False
+    while not done:
+        *_, terminated, truncated, info = env.step(expert_action(env))
+        done = terminated or truncated
+    assert info["is_success"] and env.steps > 10
 
 
 def test_horizon_truncates_and_does_not_terminate():
@@ -140,7 +153,7 @@ def test_remaining_path_falls_along_the_ideal_path():
 def test_ideal_path_itself_has_efficiency_one_and_deviation_zero():
     path = IdealPath(HAND, CAN, GOAL)
     walk = np.vstack([_walk(path.reach), _walk(path.carry)])
-    assert path_efficiency(path.length, polyline_length(walk), 1.0) == pytest.approx(1)
+    assert path_efficiency(path.length, Polyline(walk).length, 1.0) == pytest.approx(1)
     assert max(path.deviation(p) for p in walk) < 0.006  # half the path's sampling
 
 

@@ -1,0 +1,77 @@
+"""Batches of n-step transitions, drawn from Stable-Baselines3's replay buffer."""
+
+import numba
+import numpy as np
+import torch
+
+
+@numba.njit(cache=True)
+def _n_step_batch(
+    starts, envs, n_steps, gamma, newest, observations, actions, next_observations, rewards,
+    dones, timeouts, rows, returns, discounts,
+):  # fmt: skip
+    """Fill in what `Batch` holds; follows each transition until an episode or the buffer ends."""
+    batch, n_observations = len(starts), observations.shape[2]
+    for i in range(batch):
+        at, env = starts[i], envs[i]
+        rows[i, :n_observations] = observations[at, env]
+        rows[2 * batch + i, :n_observations] = observations[at, env]
+        rows[2 * batch + i, n_observations:] = actions[at, env]
+        total, weight = 0.0, 1.0
+        for step in range(n_steps):
+            total += weight * rewards[at, env]
+            weight *= gamma
+            if step == n_steps - 1 or dones[at, env] or timeouts[at, env] or at == newest:
+                break
+            at = (at + 1) % len(observations)
+        rows[batch + i, :n_observations] = next_observations[at, env]
+        returns[i] = total
+        terminated = dones[at, env] and not timeouts[at, env]
+        discounts[i] = 0.0 if terminated else weight
+
+
+class Batch:
+    """One batch, in buffers that every draw reuses.
+
+    Parameters
+    ----------
+    policy : stable_baselines3.sac.policies.SACPolicy
+    size : int
+        Transitions.
+
+    Notes
+    -----
+    `states` holds the states and below them the states `n_steps` later; `policy_actions` is there
+    for the policy's actions in them. The critics' inputs share their memory: `now` and `later`
+    are states with the policy's actions, `taken` with those taken. `returns` are the rewards in
+    between, `discounts` what the value of the later state counts: 0 where the episode terminated.
+    """
+
+    def __init__(self, policy, size):
+        n_observations, n_actions = (
+            space.shape[0] for space in (policy.observation_space, policy.action_space)
+        )
+        self.size = size
+        self._rows = torch.empty(3 * size, n_observations + n_actions)
+        self.now, self.later, self.taken = self._rows.split(size)
+        self.states = self._rows[: 2 * size, :n_observations]
+        self.policy_actions = self._rows[: 2 * size, n_observations:].numpy()
+        self.returns, self.discounts = np.empty((2, size), np.float32)
+
+    def draw(self, buffer, n_steps, gamma):
+        """Fill the batch: the transitions, and the random numbers, of `buffer.sample`.
+
+        Parameters
+        ----------
+        buffer : stable_baselines3.common.buffers.ReplayBuffer or NStepReplayBuffer
+        n_steps : int
+        gamma : float
+        """
+        filled = buffer.buffer_size if buffer.full else buffer.pos
+        starts = np.random.randint(0, filled, size=self.size)  # noqa: NPY002 (as SB3 does)
+        envs = np.random.randint(0, buffer.n_envs, size=self.size)  # noqa: NPY002
+        _n_step_batch(
+            starts, envs, n_steps, gamma, (buffer.pos - 1) % buffer.buffer_size,
+            buffer.observations, buffer.actions, buffer.next_observations, buffer.rewards,
+            buffer.dones, buffer.timeouts, self._rows.numpy(), self.returns, self.discounts,
+        )  # fmt: skip

@@ -1,0 +1,58 @@
+"""Stable-Baselines3's SAC networks, with critics that are stacked and normalised."""
+
+import math
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as F
+from stable_baselines3.sac.policies import SACPolicy
+from torch import nn
+
+
+class StackedCritic(nn.Module):
+    """`n_critics` Q-functions evaluated by one batched product per layer.
+
+    Parameters
+    ----------
+    in_features : int
+        Entries of observation and action together.
+    hidden : sequence of int
+        Units per hidden layer.
+    n_critics : int
+    """
+
+    def __init__(self, in_features, hidden, n_critics):
+        super().__init__()
+        sizes = [in_features, *hidden, 1]
+        self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
+        for n_in, n_out in pairwise(sizes):
+            bound = 1 / math.sqrt(n_in)  # torch.nn.Linear's initialisation
+            self.weights.append(torch.empty(n_critics, n_in, n_out).uniform_(-bound, bound))
+            self.biases.append(torch.empty(n_critics, 1, n_out).uniform_(-bound, bound))
+
+    def forward(self, observation, action):
+        """Q-values as Stable-Baselines3 expects them: a tuple of (batch, 1) tensors."""
+        x = torch.cat((observation, action), dim=1)
+        x = x.expand(self.weights[0].shape[0], *x.shape)
+        last = len(self.weights) - 1
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            x = torch.baddbmm(bias, x, weight)
+            if i < last:
+                x = F.relu(F.layer_norm(x, x.shape[-1:]))
+        return tuple(x)
+
+    def set_training_mode(self, mode):
+        """Part of Stable-Baselines3's interface."""
+        self.train(mode)
+
+
+class StackedPolicy(SACPolicy):
+    """SB3's policy with a `StackedCritic`."""
+
+    def make_critic(self, features_extractor=None):
+        """Build one set of critics."""
+        n_in = self.observation_space.shape[0] + self.action_space.shape[0]
+        critic = StackedCritic(
+            n_in, self.critic_kwargs["net_arch"], self.critic_kwargs["n_critics"]
+        )
+        return critic.to(self.device)
