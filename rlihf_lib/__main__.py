@@ -6,7 +6,7 @@ import sys
 
 from rlihf_lib.regenerate import NotebookError, regenerate, select
 from rlihf_lib.status import print_status
-from rlihf_lib.study import PROFILES, Study
+from rlihf_lib.study import EVENTS, PROFILES, Study
 
 
 def parser():
@@ -23,6 +23,13 @@ def parser():
         default="simulated",
         metavar="simulated|hri|PATH",
         help="recordings: simulated (default), the paper's (downloads), or your folder of epochs",
+    )
+    result.add_argument(
+        "--events",
+        nargs=2,
+        default=EVENTS,
+        metavar=("OK", "ERR"),
+        help="names of the two events in your folder of epochs",
     )
     result.add_argument(
         "--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05"
@@ -50,7 +57,7 @@ def main(argv=None):
     command = parser()
     options = command.parse_args(argv)
     try:
-        study = Study(options.profile, options.eeg, options.out)
+        study = Study(options.profile, options.eeg, options.out, options.events)
         steps = select([name for item in options.only for name in item.split(",")])
     except ValueError as error:
         command.error(str(error))

@@ -32,6 +32,8 @@ STEPS = (
     Step("04_metrics_tables"),
     Step("05_whf_ablation"),
 )
+#: Notebooks that read epochs and so need to know how their events are named.
+READ_EPOCHS = ("01_dataset_preprocessing", "02_loso_decoder")
 
 
 class NotebookError(RuntimeError):
@@ -83,22 +85,33 @@ def regenerate(study, steps, workers=0, recompute=False):
         If a cell raises.
     """
     _check_writable(study)
-    common = {
+    for step in steps:
+        check_parameters(_path(step), _parameters(study, step, workers, recompute))
+    for step in steps:
+        execute(
+            _path(step),
+            study.notebooks / f"{step.title}.ipynb",
+            _parameters(study, step, workers, recompute),
+            study.results / progress.FILE_NAME,
+        )
+
+
+def _path(step):
+    return NOTEBOOKS / f"{step.notebook}.ipynb"
+
+
+def _parameters(study, step, workers, recompute):
+    parameters = {
         "profile": study.profile.name,
         "eeg": study.eeg,
         "out": "" if study.out == REPOSITORY else str(study.out),
         "workers": workers,
         "recompute": recompute,
+        **step.parameters,
     }
-    for step in steps:
-        check_parameters(NOTEBOOKS / f"{step.notebook}.ipynb", {**common, **step.parameters})
-    for step in steps:
-        execute(
-            NOTEBOOKS / f"{step.notebook}.ipynb",
-            study.notebooks / f"{step.title}.ipynb",
-            {**common, **step.parameters},
-            study.results / progress.FILE_NAME,
-        )
+    if step.notebook in READ_EPOCHS:
+        parameters["events"] = list(study.events)
+    return parameters
 
 
 def check_parameters(notebook, parameters):

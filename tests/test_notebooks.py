@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from rlihf_lib.files import sha256
-from rlihf_lib.regenerate import NOTEBOOKS, STEPS
+from rlihf_lib.regenerate import NOTEBOOKS, READ_EPOCHS, STEPS
 from rlihf_lib.rl.sweep import is_done
 from rlihf_lib.study import Study
 
@@ -53,6 +53,7 @@ def test_each_notebook_has_one_parameters_cell_with_the_common_literals(name):
     assignments = ast.parse(tagged[0].source).body
     values = {node.targets[0].id: ast.literal_eval(node.value) for node in assignments}
     assert values.pop("condition", None) == ("rlihf" if name.startswith("03") else None)
+    assert values.pop("events", None) == (["correct", "error"] if name in READ_EPOCHS else None)
     assert values == PARAMETERS
 
 
@@ -119,8 +120,11 @@ def test_every_figure_is_pdf_and_png_and_its_sources_are_unchanged(smoke):
         assert any(name.startswith(start) for name in manifest), start
     for name, entry in manifest.items():
         assert entry["notebook"] in NAMES
-        assert (study.figures / f"{name}.pdf").read_bytes().startswith(b"%PDF")
-        assert (study.figures / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        starts = {"pdf": b"%PDF", "png": b"\x89PNG"}
+        if name.startswith("film"):
+            starts = {"gif": b"GIF89a"}
+        for suffix, start in starts.items():
+            assert (study.figures / f"{name}.{suffix}").read_bytes().startswith(start)
         for source, known in entry["sources"].items():
             assert sha256(study.out / source) == known, (name, source)
 

@@ -9,6 +9,7 @@ import time
 import nbformat
 import pytest
 
+from rlihf_lib import regenerate
 from rlihf_lib.__main__ import main
 from rlihf_lib.regenerate import NotebookError, check_parameters, execute, select
 from rlihf_lib.status import status
@@ -54,6 +55,8 @@ def test_help_is_short_and_starts_without_heavy_imports():
         (["--eeg", "/no/such/folder"], "neither simulated nor hri nor a folder"),
         (["--only", "07"], "there is no notebook '07'; choose from 01_dataset"),
         (["--workers", "-1"], "'-1'"),
+        (["--events", "hit", "hit"], "give the names of two"),
+        (["--events", "hit", "miss"], "for a folder of epochs only, not for simulated"),
         (["--wokers", "2"], "unrecognized arguments: --wokers"),
     ],
 )
@@ -82,6 +85,22 @@ def test_only_accepts_numbers_and_names():
         "04_metrics_tables",
     ]
     assert len(select([])) == 7
+
+
+def test_event_names_reach_the_notebooks_that_read_epochs_and_no_other(tmp_path, monkeypatch):
+    given = {}
+    monkeypatch.setattr(
+        regenerate, "execute", lambda path, _, parameters, __: given.update({path.stem: parameters})
+    )
+    (tmp_path / "mine").mkdir()
+    where = ["--eeg", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
+    assert main([*where, "--events", "hit", "miss", "--only", "01", "02", "04"]) == 0
+    events = {name: parameters.get("events") for name, parameters in given.items()}
+    assert events == {
+        "01_dataset_preprocessing": ["hit", "miss"],
+        "02_loso_decoder": ["hit", "miss"],
+        "04_metrics_tables": None,
+    }
 
 
 def test_list_counts_runs_and_says_how_long_the_rest_takes(tmp_path, capsys):

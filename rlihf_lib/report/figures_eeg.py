@@ -4,7 +4,8 @@ import matplotlib.pyplot as plt
 import mne
 import numpy as np
 
-from rlihf_lib.eeg.erp import PUBLISHED_CZ, confidence_band
+from rlihf_lib.eeg.erp import confidence_band
+from rlihf_lib.eeg.published import CZ
 from rlihf_lib.report.style import COLORS
 
 #: Light to dark greys of what was dropped, with hatches for print.
@@ -66,7 +67,9 @@ def plot_difference_waves(waves, times, channel, ax=None, published=False):
     ax.fill_between(ms, low, high, color=COLORS["error"], alpha=0.3, linewidth=0)
     ax.plot(ms, mean, color=COLORS["error"], linewidth=1.6)
     if published:
-        for sign, start, stop in PUBLISHED_CZ:
+        low, high = ax.get_ylim()
+        ax.set_ylim(low - 0.08 * (high - low), high)  # room for the marks, below the waves
+        for sign, start, stop in CZ:
             middle = 500 * (start + stop)
             ax.axvspan(
                 1000 * start, 1000 * stop, ymax=0.07, facecolor="0.85" if sign > 0 else "0.6"

@@ -1,13 +1,16 @@
-"""Fig. 3: the task, as a rendering beside a labelled top view."""
+"""Fig. 3, the task as a rendering beside a labelled top view, and the paths executed in it."""
 
 import tempfile
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import BoxStyle, Circle, FancyBboxPatch, Rectangle
 
+from rlihf_lib.report.style import COLORS, LABELS, PAGE_WIDTH, note
+from rlihf_lib.rl.observer import PREFERRED_CLEARANCE
 from rlihf_lib.task.rendering import render
+from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
 # Outlines on the table: half-widths (m) of boxes or a radius (m), and a colour.
 OUTLINES = {
@@ -85,3 +88,81 @@ def top_view(placement, path, ax=None):
     ax.set(xlim=(-0.32, 0.32), ylim=(0.27, -0.32))
     ax.legend(fontsize=6, loc="lower center", frameon=False, ncols=1)
     return ax
+
+
+def paths_figure(env, recordings, caption):
+    """Draw executed paths of the hand among the obstacles, from above and from the side.
+
+    Parameters
+    ----------
+    env : PickPlaceEnv
+        Reset to the placement of the recordings.
+    recordings : dict of str to list of rlihf_lib.rl.replay.Recording
+        Of each condition, one per run, all of the same placement.
+    caption : str
+
+    Returns
+    -------
+    Figure
+    """
+    figure, (top, side) = plt.subplots(
+        1, 2, figsize=(PAGE_WIDTH, 3.3), layout="constrained", width_ratios=[1, 1.1]
+    )
+    placement, path = env.workspace.placement, env.path
+    top_view(placement, path, top)
+    top.get_legend().remove()
+    _side_view(env, side)
+    for name in OBSTACLES:
+        _clearance_line(top, name, placement[name])
+    for condition, runs in recordings.items():
+        for run in runs:
+            style = {"color": COLORS[condition], "lw": 1, "alpha": 0.8}
+            top.plot(run.hand[:, 1], run.hand[:, 0], **style)
+            side.plot(run.hand[:, 1], run.hand[:, 2], **style)
+            end = {"color": COLORS[condition], "marker": "*" if run.success else "x", "ms": 6}
+            top.plot(*run.hand[-1, 1::-1], **end)
+            side.plot(*run.hand[-1, 1:], **end)
+        placed = sum(run.success for run in runs)
+        label = f"{LABELS[condition]}: {placed} of {len(runs)} runs place the can"
+        top.plot([], [], color=COLORS[condition], label=label)
+    top.plot([], [], color="#888888", lw=0.8, ls=":", label="preferred clearance, 2 cm")
+    figure.legend(loc="outside upper center", ncols=3, fontsize=6)
+    note(
+        figure,
+        f"hand of the policies at the end of training; star: can placed, cross: not · {caption}",
+    )
+    return figure
+
+
+def _side_view(env, ax):
+    """Draw the scene as seen from the robot's front: across the table and up."""
+    for name, (size, colour) in OUTLINES.items():
+        centre = env.workspace.placement[name]
+        half = size if np.isscalar(size) else size[1]
+        height = 0.008 if name == "goal" else 2 * env.workspace.standing_height(name)
+        ax.add_patch(
+            Rectangle(
+                (centre[1] - half, TABLE_HEIGHT), 2 * half, height, color=colour, alpha=0.5, lw=0
+            )
+        )
+        below = 0.035 if name == "bottle" else 0.015  # the cereal box stands behind it
+        ax.text(centre[1], TABLE_HEIGHT - below, name, fontsize=6, ha="center", va="top")
+    ax.axhline(TABLE_HEIGHT, color="k", lw=0.6)
+    ax.plot(env.path.reach[:, 1], env.path.reach[:, 2], "k:", lw=1)
+    ax.plot(env.path.carry[:, 1], env.path.carry[:, 2], "k--", lw=1)
+    ax.set(xlabel="y (m)", ylabel="height z (m)", aspect="equal", xlim=(-0.32, 0.32))
+    ax.set_ylim(TABLE_HEIGHT - 0.07, TABLE_HEIGHT + 0.4)
+
+
+def _clearance_line(ax, name, centre):
+    """Outline the zone round an obstacle into which people prefer the robot not to go."""
+    size, _ = OUTLINES[name]
+    style = {"fill": False, "ls": ":", "lw": 0.8, "ec": "#888888"}
+    x, y = centre[:2]
+    if np.isscalar(size):
+        ax.add_patch(Circle((y, x), size + PREFERRED_CLEARANCE, **style))
+    else:
+        dx, dy = size
+        rounded = BoxStyle("Round", pad=PREFERRED_CLEARANCE, rounding_size=PREFERRED_CLEARANCE)
+        corner = (y - dy, x - dx)
+        ax.add_patch(FancyBboxPatch(corner, 2 * dy, 2 * dx, boxstyle=rounded, **style))

@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 from rlihf_lib.files import atomic_path, sha256, write_text
+from rlihf_lib.task.rendering import film
 
 # Okabe & Ito (2008), "Color Universal Design": told apart with every common colour blindness.
 COLORS = {
@@ -26,6 +27,8 @@ LABELS = {"sparse": "RL sparse", "dense": "RL dense", "rlihf": "RLIHF"}
 # Inches of a two-column conference page (ieeeconf, letter).
 COLUMN_WIDTH = 3.4
 PAGE_WIDTH = 7.0
+
+FILM_STEPS = 80  # control steps of a film, 0.1 s each
 
 RC = {
     "figure.dpi": 120,
@@ -99,6 +102,37 @@ def save_figure(fig, study, name, notebook, sources=()):
     FileNotFoundError
         If a source does not exist: a figure from nowhere is not saved.
     """
+    hashes = _hashes(name, study, sources)
+    # Without a fixed date and software version, equal data would give unequal files.
+    metadata = {".pdf": {"CreationDate": None}, ".png": {"Software": None}}
+    for suffix, fields in metadata.items():
+        with atomic_path(study.figures / f"{name}{suffix}") as temporary:
+            fig.savefig(temporary, metadata=fields)
+    _enter(study, name, notebook, hashes)
+    return study.figures / f"{name}.png"
+
+
+def save_film(recording, study, name, notebook, sources):
+    """Save a film of a rollout as GIF and record its sources; arguments as in `save_figure`.
+
+    Parameters
+    ----------
+    recording : rlihf_lib.rl.replay.Recording
+
+    Returns
+    -------
+    Path or None
+        The GIF; None where no OpenGL library can render it.
+    """
+    hashes = _hashes(name, study, sources)
+    path = study.figures / f"{name}.gif"
+    if not film(path, recording.qpos[:FILM_STEPS], recording.seed):
+        return None
+    _enter(study, name, notebook, hashes)
+    return path
+
+
+def _hashes(name, study, sources):
     hashes = {}
     for source in sources:
         path = Path(source)
@@ -109,16 +143,14 @@ def save_figure(fig, study, name, notebook, sources=()):
                 f"figure {name} names the source {source}, but {path} is missing"
             )
         hashes[_relative(path, study)] = sha256(path)
-    # Without a fixed date and software version, equal data would give unequal files.
-    metadata = {".pdf": {"CreationDate": None}, ".png": {"Software": None}}
-    for suffix, fields in metadata.items():
-        with atomic_path(study.figures / f"{name}{suffix}") as temporary:
-            fig.savefig(temporary, metadata=fields)
-    manifest_path = study.figures / "manifest.json"
-    manifest = json.loads(manifest_path.read_text()) if manifest_path.exists() else {}
+    return hashes
+
+
+def _enter(study, name, notebook, hashes):
+    path = study.figures / "manifest.json"
+    manifest = json.loads(path.read_text()) if path.exists() else {}
     manifest[name] = {"notebook": notebook, "sources": hashes}
-    write_text(manifest_path, json.dumps(manifest, indent=1, sort_keys=True) + "\n")
-    return study.figures / f"{name}.png"
+    write_text(path, json.dumps(manifest, indent=1, sort_keys=True) + "\n")
 
 
 def _relative(path, study):
