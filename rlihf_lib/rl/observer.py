@@ -1,13 +1,12 @@
 """The simulated person: which moments look wrong, and what their EEG then says.
 
 The rule, in words: *The observer expects the robot to get on with it. A moment looks right when it
-brings the robot visibly closer to having done the task than it has been within memory; it looks
-wrong when the robot stands still, dawdles, drifts, goes back, or makes up for ground it has just
-lost, and always when hand or can come uncomfortably close to something that is not to be touched.*
-Visible means a quarter of the robot's full speed. Memory of the best so far fades slowly, so that
-after a failure the observer is in time content with progress from where the robot now is. The rule
-is the same for every subject and weight, depends only on what has been seen, and uses the same
-length of remaining path in every stage: reaching, closing, lifting, carrying, lowering, opening.
+brings the robot visibly closer to having done the task than it has been before; it looks wrong
+when the robot stands still, dawdles, drifts, goes back, or makes up for ground it has lost, and
+always when hand or can come uncomfortably close to something that is not to be touched.* Visible
+means a quarter of the robot's full speed. The rule is the same for every subject and weight,
+depends only on what has been seen, and uses the same length of remaining path in every stage:
+reaching, closing, lifting, carrying, lowering, opening.
 """
 
 import pandas as pd

@@ -1,18 +1,20 @@
 """Sparse, dense and RLIHF rewards, and the one reward that judges them all.
 
-The can standing on the goal is an absorbing state worth `PLACED` a step for ever. Episodes end
-there, and what the learner would have collected is paid at once, `PLACED / (1 - discount)`: the
+The can standing on the goal is an absorbing state worth `PLACED` a step for ever, and so is a can
+that has fallen, worth nothing. Episodes end there, and what the learner would have collected is
+paid at once, `PLACED / (1 - discount)` and the feedback of an observer who goes on watching: the
 same values for the learner as an episode that runs on, without filling the replay buffer with a
-finished task. As feedback is below `PLACED` and progress is paid once, nothing pays better than
-finishing.
+finished task. As feedback is never negative, it would otherwise be a reason not to finish, and to
+keep away from a can that may fall over: that is what pilots with decoded feedback learnt.
 """
 
 import gymnasium as gym
 import numpy as np
 
 PLACED = 1.0
-COLLISION = -0.5
+COLLISION = -2.0  # at -0.5, pilots placed the can sooner by going through the obstacles
 PROGRESS = 25.0  # per metre of remaining path
+AFTERWARDS = 100  # steps after which, discounted, feedback no longer matters
 
 
 def task_reward(moment, discount):
@@ -27,19 +29,20 @@ def task_reward(moment, discount):
     Returns
     -------
     float
-        -0.5, 0 or 1 / (1 - discount).
+        -2, 0 or 1 / (1 - discount).
     """
     return PLACED / (1 - discount) * moment.success + COLLISION * moment.collided
 
 
 def alignment_reward(moment):
-    """Engineered reward for following the ideal path: the change of a potential along it.
+    """Engineered reward for following the ideal path: new ground made along it.
 
-    The potential is minus the remaining path, which also prices what lies beside the path
-    (`IdealPath.remaining`), so it rises all along the ideal path and what a detour or a drop gains
-    it has lost before (Ng et al. 1999): going round in circles pays nothing. Paid as a level
-    instead, 0 to 0.8 for the state reached, a good step changed the reward by a hundredth, and
-    pilots lifted the can and carried it no further in 60,000 steps.
+    Progress is counted from the least remaining path of the episode, so that going round in circles
+    pays nothing, and lost ground has to be made good first. Remaining path prices what lies beside
+    the path, too (`IdealPath.remaining`). Paid as the change of that potential instead (Ng et al.
+    1999), a step ahead is worth only 1 - discount of itself to a policy that would come back: a
+    pilot carried the can half-way to the goal and parked there for 20,000 steps. Paid as a level, 0
+    to 0.8 for the state reached, pilots lifted the can and carried it no further.
 
     Parameters
     ----------
@@ -48,9 +51,9 @@ def alignment_reward(moment):
     Returns
     -------
     float
-        0.75 for a step at full speed along the path, less beside it, negative for ground lost.
+        0.75 for a step at full speed along the path, less beside it, 0 for none or for lost ground.
     """
-    return PROGRESS * moment.gained
+    return PROGRESS * max(0.0, moment.best - moment.remaining)
 
 
 def errp_reward(p_error):
@@ -88,7 +91,7 @@ def evaluation_reward(moment, path):
         return PLACED
     completed = np.clip(1 - moment.remaining / path.start_remaining, 0, 1)
     aligned = 0.25 * completed * np.exp(-moment.deviation / 0.1)
-    return float(aligned + COLLISION * moment.collided)
+    return float(aligned - 0.5 * moment.collided)
 
 
 class TrainingReward(gym.Wrapper):
@@ -119,5 +122,8 @@ class TrainingReward(gym.Wrapper):
         if self.condition == "dense" and not moment.success:
             reward += alignment_reward(moment)
         elif self.condition == "rlihf":
-            reward += self.w_hf * errp_reward(self.observer.watch(moment))
+            steps = AFTERWARDS if moment.success or moment.lost else 1
+            p_error = np.array([self.observer.watch(moment) for _ in range(steps)])
+            weights = self.discount ** np.arange(steps)
+            reward += self.w_hf * float(weights @ errp_reward(p_error))
         return observation, reward, terminated, truncated, info

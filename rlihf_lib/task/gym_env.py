@@ -16,9 +16,11 @@ from rlihf_lib.task.workspace import CLOSED_ANGLE, OBSTACLES, OPEN_ANGLE, TABLE_
 
 PLACED_WITHIN = 0.04  # metres between the can's and the goal's centre
 LIFTED = 0.05  # metres of lift that tell carrying from pushing
+LOWERED = 0.03  # metres over the goal from which letting go is placing, not dropping
 CLEARANCE_RANGE = 0.15  # metres beyond which clearance isn't measured
 LENGTH_SCALE, SPEED_SCALE = 0.2, 0.5  # observation units: 0.2 m and 0.5 m/s
-FORGETTING = 0.002  # metres a step by which the best progress fades from memory
+CLOSE_RANGE = 0.03  # metres; grasping and placing take place at a few centimetres
+IN_HAND = 0.06  # metres between hand and can up to which a lifted can hasn't been dropped
 OBSERVATION = (
     # entry, size, unit
     ("hand position from the table's centre", 3, "0.2 m"),
@@ -28,6 +30,7 @@ OBSERVATION = (
     ("can's upward axis, x and y", 2, "1"),
     ("can's velocity", 3, "0.5 m/s"),
     ("goal from can", 3, "0.2 m"),
+    ("can from hand, and goal from can, at close range", 6, "tanh of 0.03 m"),
     *((f"{name} from hand", 3, "0.2 m") for name in OBSTACLES),
     ("finger closure, 0 open to 1 closed", 1, "1"),
     ("fingers as commanded, 0 open to 1 closed", 1, "1"),
@@ -46,7 +49,7 @@ class Moment:
     gained: float
     """Remaining path before the step minus after it."""
     best: float
-    """Smallest remaining path in memory before the step; fades by `FORGETTING` a step."""
+    """Smallest remaining path of the episode before the step, metres."""
     deviation: float
     """Distance of the hand from the ideal path."""
     clearance: float
@@ -54,9 +57,9 @@ class Moment:
     collided: bool
     """Whether hand, arm or held can touches an obstacle."""
     grasped: bool
-    """Whether thumb and an opposing finger touch the can."""
+    """Whether the can is held: by thumb and opposing finger, or lifted so and not dropped yet."""
     success: bool
-    """Whether the can stands on the goal, released."""
+    """Whether the can stands on the goal, let go there and not dropped from above."""
     lost: bool
     """Whether the can has left the table or lies on its side."""
 
@@ -65,10 +68,10 @@ class PickPlaceEnv(gym.Env):
     """Obstacle-avoiding pick-and-place with the Kinova Gen2.
 
     Action: Box(-1, 1, (4,)): hand displacement along x, y, z (1 = 3 cm), aperture of the hand (-1
-    open, 1 closed round a can). Observation: Box, entries and units in `OBSERVATION`.
-    Reward: 1 in the step that places the can, else 0; training rewards are made of `info["moment"]`
-    (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost. `truncated`: the
-    horizon, or `patience`.
+    open, 1 closed round a can; beyond +-2/3 fully). Observation: Box, entries and units in
+    `OBSERVATION`. Reward: 1 in the step that places the can, else 0; training rewards are made of
+    `info["moment"]` (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost.
+    `truncated`: the horizon, or `patience`.
 
     Parameters
     ----------
@@ -126,8 +129,8 @@ class PickPlaceEnv(gym.Env):
         can = self.body("can")
         self.goal = np.array([*self.workspace.placement["goal"][:2], can[2]])
         self.path = IdealPath(self.controller.hand, can, self.goal)
-        self.remaining = self.best = self.least = self.path.start_remaining
-        self.grasped = self.lifted = False
+        self.remaining = self.best = self.path.start_remaining
+        self.grasped = self.lifted = self.lowered = False
         return self._observe(), {}
 
     def step(self, action):
@@ -149,12 +152,16 @@ class PickPlaceEnv(gym.Env):
         """Measure what happened in the step that began with the hand at `before`."""
         hand, can = self.controller.hand.copy(), self.body("can")
         touching_can, thumb, finger, collided = self._contacts()
-        self.grasped = thumb and finger
+        # Contacts of a can that is carried flicker; only one that leaves the hand is dropped.
+        aloft = can[2] > self.goal[2] + 0.005 and np.linalg.norm(hand - can) < IN_HAND
+        self.grasped = bool((thumb and finger) or (self.grasped and aloft))
         upright = self.data.xmat[self.workspace.body_ids["can"]][8]
         at_goal = np.linalg.norm(can[:2] - self.goal[:2]) < PLACED_WITHIN
         standing = abs(can[2] - self.goal[2]) < 0.01 and upright > 0.95
         self.lifted = self.lifted or bool(self.grasped and can[2] > self.goal[2] + LIFTED)
-        delivered = bool(self.lifted and at_goal and standing)
+        if self.grasped:
+            self.lowered = bool(at_goal and can[2] < self.goal[2] + LOWERED)
+        delivered = bool(self.lifted and self.lowered and at_goal and standing)
         success = delivered and not touching_can
         off_table = np.abs(can[:2]).max() > 0.4 or can[2] < TABLE_HEIGHT
         lost = bool(off_table or (upright < 0.5 and not self.grasped))
@@ -162,7 +169,9 @@ class PickPlaceEnv(gym.Env):
         remaining = (
             0.0
             if success
-            else self.path.remaining(hand, can, self.grasped or delivered, self.closure())
+            else self.path.remaining(
+                hand, can, self.grasped or delivered, 1.0 if delivered else self.squeeze()
+            )
         )
         clearance = self._clearance()
         deviation = self.path.deviation(hand)
@@ -178,9 +187,8 @@ class PickPlaceEnv(gym.Env):
             lost=lost,
         )
         self.remaining = remaining
-        if remaining < self.least:
-            self.least, self.advanced = remaining, self.steps
-        self.best = min(remaining, self.best + FORGETTING)
+        if remaining < self.best:
+            self.best, self.advanced = remaining, self.steps
         self.travelled += float(np.linalg.norm(hand - before))
         self.squared_deviation += deviation**2
         self.collisions += collided and not self.colliding
@@ -192,6 +200,10 @@ class PickPlaceEnv(gym.Env):
         """How far the fingers are closed, 0 open to 1 closed."""
         angle = self.data.qpos[[ARM_DOFS, ARM_DOFS + 2, ARM_DOFS + 4]].mean()
         return _closure(angle)
+
+    def squeeze(self):
+        """How far the fingers are told to close, 0 open to 1 closed."""
+        return _closure(self.controller.gripper.angle)
 
     def body(self, name):
         """Centre of the can or of an obstacle, metres, shape (3,)."""
@@ -225,7 +237,7 @@ class PickPlaceEnv(gym.Env):
 
     def metrics(self, success):
         """Metrics of the episode so far, by the names of `eval.csv`."""
-        completed = 1.0 - self.least / self.path.start_remaining
+        completed = 1.0 - self.best / self.path.start_remaining
         return {
             "success": int(success),
             "path_efficiency": path_efficiency(self.path.length, self.travelled, completed),
@@ -245,7 +257,6 @@ class PickPlaceEnv(gym.Env):
         centre = np.array([0, 0, TABLE_HEIGHT + 0.1])
         obstacles = [self.body(name) - hand for name in OBSTACLES]
         setback = min((self.remaining - self.best) / 0.05, 2.0)
-        commanded = _closure(self.controller.gripper.angle)
         return np.concatenate(
             [
                 (hand - centre) / LENGTH_SCALE,
@@ -255,8 +266,10 @@ class PickPlaceEnv(gym.Env):
                 up,
                 can_velocity / SPEED_SCALE,
                 (self.goal - can) / LENGTH_SCALE,
+                np.tanh((can - hand) / CLOSE_RANGE),
+                np.tanh((self.goal - can) / CLOSE_RANGE),
                 *(o / LENGTH_SCALE for o in obstacles),
-                [self.closure(), commanded, float(self.grasped), float(self.lifted), setback],
+                [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted), setback],
             ]
         ).astype(np.float32)
 

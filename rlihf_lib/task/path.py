@@ -15,7 +15,9 @@ HOVER = 0.10  # metres over the can from which the hand comes down
 DETOUR = 2.5  # price of a metre beside the path; 1 would let the hand cut the corner
 VIA = ((-0.26, -0.06), (-0.26, 0.06))  # where the path passes the bottle and the cereal box
 GRASP_WORTH = 0.10  # metres: closing the fingers round the can, half of it for the hold itself
-NEAR, FAR = 0.02, 0.05  # metres from the can: closing counts fully, not at all
+# Metres of way left to the can at which closing counts fully, and not at all. Hands closed 4 cm
+# over to 2.5 cm under the can's centre, or 2 cm beside it, lift it.
+NEAR, FAR = 0.04, 0.08
 
 
 class Polyline:
@@ -135,7 +137,7 @@ class IdealPath:
         grasped : bool
             Whether the fingers hold the can.
         closure : float
-            How far the fingers are closed, 0 open to 1 closed.
+            How far the fingers are told to close, 0 open to 1 closed; round a can they squeeze.
 
         Returns
         -------
@@ -143,12 +145,15 @@ class IdealPath:
             About `length` + 0.10 at the start, 0 with the can at the goal.
         """
         if grasped:
-            return self.remaining_carry(can)
+            # Fingers that touch the can without squeezing it let it slip when it is lifted.
+            return float(self.remaining_carry(can) + 0.5 * GRASP_WORTH * (1 - closure))
         distance = self.remaining_reach(hand, can)
         # A hand closed too early has to open again: that is part of the way left.
         near = np.clip((FAR - distance) / (FAR - NEAR), 0, 1)
         closing = GRASP_WORTH * (1 + 0.5 * closure * (1 - 2 * near))
-        return float(distance + closing + self.carry_length)
+        # Pushing the can away makes the way longer, pushing it along doesn't make it shorter.
+        carry = max(self.carry_length, self.remaining_carry(can))
+        return float(distance + closing + carry)
 
     def deviation(self, hand):
         """Distance from `hand` (3,) to the nearest point of the ideal path, metres."""

@@ -66,6 +66,9 @@ START_TURN = 0.35  # rad of the arm's first joint away from robosuite's start, t
 class JacoApertureGripper(JacoThreeFingerGripperBase):
     """Jaco's hand with one command, the aperture wanted: -1 open to 1 closed round a can.
 
+    Beyond +-2/3 the hand is fully open or closed: a squashed Gaussian hardly reaches +-1, and a
+    hand closed less than fully lets the can slip.
+
     robosuite's own one-action version integrates +-0.01 a step, so that closing takes about a
     hundred steps of the same sign and random actions never close the hand.
     """
@@ -77,7 +80,7 @@ class JacoApertureGripper(JacoThreeFingerGripperBase):
 
     def format_action(self, action):
         """Turn one command in [-1, 1] into the three finger actuators' commands."""
-        closed = (np.clip(action[0], -1, 1) + 1) / 2
+        closed = np.clip(0.5 + 0.75 * action[0], 0, 1)
         target = OPEN_ANGLE + closed * (CLOSED_ANGLE - OPEN_ANGLE)
         self.angle += np.clip(target - self.angle, -FINGER_STEP, FINGER_STEP)
         self.current_action = np.full(3, 2 * self.angle / FINGER_RANGE - 1)

@@ -40,13 +40,16 @@ def test_errp_reward_is_one_minus_p():
 
 def test_task_reward_pays_success_for_ever_and_penalises_collisions():
     assert task_reward(moment(), DISCOUNT) == 0
-    assert task_reward(moment(collided=True), DISCOUNT) == -0.5
+    assert task_reward(moment(collided=True), DISCOUNT) == -2
     assert task_reward(moment(success=True), 0.98) == pytest.approx(50)
 
 
-def test_alignment_reward_of_a_path_depends_on_its_ends_only():
-    there = [alignment_reward(moment(gained=x)) for x in (0.03, 0.05, -0.08)]
-    assert there[0] == pytest.approx(0.75) and sum(there) == pytest.approx(0)
+def test_alignment_reward_pays_new_ground_only():
+    remaining, best, paid = (0.50, 0.47, 0.44, 0.49, 0.46, 0.43, 0.40), 0.50, []
+    for left in remaining:
+        paid.append(alignment_reward(moment(remaining=left, best=best)))
+        best = min(best, left)
+    assert paid == pytest.approx([0, 0.75, 0.75, 0, 0, 0.25, 0.75])
 
 
 def test_progress_hardly_ever_falls_along_the_experts_way():
@@ -61,6 +64,25 @@ def test_progress_hardly_ever_falls_along_the_experts_way():
                 lost.append(-info["moment"].gained)
             done = terminated or truncated
         assert info["is_success"] and max(lost) < 0.004
+
+
+def test_feedback_goes_on_after_the_can_has_fallen_or_stands_on_the_goal():
+    table = pd.DataFrame({"label": [0, 1], "p_error": [0.25, 0.75]})
+    env = TrainingReward(
+        PickPlaceEnv(HORIZON), "rlihf", 0.96, 0.7, Observer(table, np.random.default_rng(0))
+    )
+    env.reset(seed=0)
+    task, address = env.unwrapped, env.unwrapped.workspace.qpos_address["can"]
+    task.data.qpos[address : address + 3] = [0.0, 0.6, 0.84]
+    _, fallen, terminated, *_ = env.step(np.zeros(4))
+    # Nothing to lose and nothing to gain against a robot that stands still for ever.
+    assert terminated and fallen == pytest.approx(0.7 * 0.25 / (1 - 0.96), rel=0.02)
+
+    env.reset(seed=0)
+    terminated = False
+    while not terminated:
+        _, placed, terminated, *_ = env.step(expert_action(task))
+    assert placed == pytest.approx((1 + 0.7 * 0.75) / (1 - 0.96), rel=0.02)
 
 
 def test_evaluation_reward_of_standing_still_is_zero_and_of_success_is_one():

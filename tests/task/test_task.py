@@ -115,6 +115,17 @@ def test_pushing_the_can_to_the_goal_is_not_placing_it(env):
     assert not info["moment"].success and not terminated
 
 
+def test_can_dropped_onto_the_goal_is_not_placed(env):
+    env.reset(seed=0)
+    while not (env.lifted and np.linalg.norm(env.body("can")[:2] - env.goal[:2]) < 0.01):
+        env.step(expert_action(env))
+    assert env.body("can")[2] > env.goal[2] + 0.05
+    for _ in range(8):
+        *_, terminated, _, info = env.step(np.array([0, 0, 0.5, -1.0]))
+    assert np.linalg.norm(env.body("can")[:2] - env.goal[:2]) < 0.04
+    assert not info["moment"].success and not terminated
+
+
 def test_touching_an_obstacle_is_a_collision(env):
     env.reset(seed=0)
     address = env.workspace.qpos_address["bottle"]
@@ -144,8 +155,7 @@ def test_remaining_path_falls_along_the_ideal_path():
     path = IdealPath(HAND, CAN, GOAL)
     reach = [path.remaining(p, np.array(CAN), False, 0.0) for p in _walk(path.reach)]
     carry = [path.remaining(p, p, True, 1.0) for p in _walk(path.carry)]
-    # The path is sampled every centimetre: up to 2.5 mm of ripple.
-    assert np.diff(reach).max() < 3e-3 and np.diff(carry).max() < 3e-3
+    assert np.diff(reach).max() < 1e-9 and np.diff(carry).max() < 1e-9
     assert reach[-1] > carry[0] and carry[-1] == pytest.approx(0, abs=1e-9)
     assert carry[0] == pytest.approx(path.carry_length)
 
@@ -154,7 +164,46 @@ def test_ideal_path_itself_has_efficiency_one_and_deviation_zero():
     path = IdealPath(HAND, CAN, GOAL)
     walk = np.vstack([_walk(path.reach), _walk(path.carry)])
     assert path_efficiency(path.length, Polyline(walk).length, 1.0) == pytest.approx(1)
-    assert max(path.deviation(p) for p in walk) < 0.006  # half the path's sampling
+    assert max(path.deviation(p) for p in walk) < 1e-6
+
+
+def test_closing_brings_nearer_where_it_grasps_and_squeezing_where_the_can_is_held():
+    path, can = IdealPath(HAND, CAN, GOAL), np.array(CAN)
+
+    def gain(height, grasped):
+        hand = can + height * np.array([0, 0, 1])
+        return np.subtract(*(path.remaining(hand, can, grasped, c) for c in (0.0, 1.0)))
+
+    assert gain(0.03, grasped=False) == pytest.approx(0.05)
+    assert gain(0.09, grasped=False) == pytest.approx(-0.05)
+    assert gain(0.0, grasped=True) == pytest.approx(0.05)
+
+
+def test_pushing_the_can_makes_the_way_longer_but_never_shorter():
+    path, can, along = IdealPath(HAND, CAN, GOAL), np.array(CAN), np.array([0, 0.1, 0])
+    here, on, off = (
+        path.remaining(where, where, False, 1.0) for where in (can, can + along, can - along)
+    )
+    assert on == pytest.approx(here) and off > here + 0.1
+
+
+def test_can_in_the_air_is_held_until_it_leaves_the_hand(env):
+    env.reset(seed=0)
+    while not env.lifted:
+        env.step(expert_action(env))
+    # Widened by a centimetre, the hand may lose a contact, not the can.
+    assert env.step(np.array([0, 0, 0, 0.3]))[-1]["moment"].grasped
+    address = env.workspace.qpos_address["can"]
+    env.data.qpos[address : address + 3] += [0.15, 0, 0]
+    assert not env.step(np.array([0, 0, 0, 1.0]))[-1]["moment"].grasped
+
+
+def test_hand_is_open_and_closed_before_the_command_reaches_its_end(env):
+    for command, closed in ((-0.7, 0), (0.7, 1)):
+        env.reset(seed=0)
+        for _ in range(5):
+            env.step(np.array([0, 0, 0, command]))
+        assert env.squeeze() == pytest.approx(closed)
 
 
 def test_standing_still_and_detours_are_not_efficient():
