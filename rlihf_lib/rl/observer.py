@@ -9,6 +9,7 @@ depends only on what has been seen, and uses the same length of remaining path i
 reaching, closing, lifting, carrying, lowering, opening.
 """
 
+import numpy as np
 import pandas as pd
 
 VISIBLE_PROGRESS = 0.007  # metres of remaining path in one step of 0.1 s
@@ -40,9 +41,13 @@ class Observer:
     Parameters
     ----------
     p_error : DataFrame
-        Decoded held-out epochs of one subject, columns `label` (1 = error) and `p_error` in [0, 1].
+        Decoded held-out epochs of one subject, columns `epoch`, `label` (1 = error) and `p_error`
+        in [0, 1].
     rng : numpy.random.Generator
         Draws the epochs.
+    decode : callable, optional
+        `decode(epoch)` decodes the epoch of that number anew, as `rlihf_lib.live` does; by default
+        p(error) is looked up in the table.
 
     Raises
     ------
@@ -50,23 +55,33 @@ class Observer:
         If one of the two classes has no epoch.
     """
 
-    def __init__(self, p_error, rng):
-        self._p = [p_error.loc[p_error["label"] == label, "p_error"].to_numpy() for label in (0, 1)]
+    def __init__(self, p_error, rng, decode=None):
+        self._p, self._epochs = p_error["p_error"].to_numpy(), p_error["epoch"].to_numpy()
+        self._rows = [np.flatnonzero(p_error["label"] == label) for label in (0, 1)]
         for label, name in enumerate(("correct", "error")):
-            if len(self._p[label]) == 0:
+            if len(self._rows[label]) == 0:
                 raise ValueError(
                     f"the p(error) table has no epoch of class {name!r}; the observer needs both"
                 )
-        self._rng = rng
+        self._rng, self._decode = rng, decode
         self.errors_seen = 0
 
-    def watch(self, moment):
-        """Return p(error) decoded from an epoch of the class this moment evokes, Eq. (3)."""
+    def watch(self, moment, n=1):
+        """Answer a moment that lasts for `n` control steps, Eq. (3).
+
+        Returns
+        -------
+        p_error : ndarray, shape (n,)
+            Of epochs of the class that the moment evokes.
+        """
         wrong = looks_wrong(moment)
         self.errors_seen += wrong
-        return float(self._rng.choice(self._p[wrong]))
+        rows = self._rng.choice(self._rows[wrong], n)
+        if self._decode is None:
+            return self._p[rows]
+        return np.array([self._decode(epoch) for epoch in self._epochs[rows]])
 
 
 def perfect_table():
     """Return the p(error) table of an ideal decoder, p = label."""
-    return pd.DataFrame({"label": [0, 1], "p_error": [0.0, 1.0]})
+    return pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.0, 1.0]})

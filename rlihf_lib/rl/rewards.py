@@ -123,7 +123,6 @@ class TrainingReward(gym.Wrapper):
             reward += alignment_reward(moment)
         elif self.condition == "rlihf":
             steps = AFTERWARDS if moment.success or moment.lost else 1
-            p_error = np.array([self.observer.watch(moment) for _ in range(steps)])
-            weights = self.discount ** np.arange(steps)
-            reward += self.w_hf * float(weights @ errp_reward(p_error))
+            feedback = errp_reward(self.observer.watch(moment, steps))
+            reward += self.w_hf * float(self.discount ** np.arange(steps) @ feedback)
         return observation, reward, terminated, truncated, info

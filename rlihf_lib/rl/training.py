@@ -65,7 +65,7 @@ class _Record(BaseCallback):
         self.progress(self.num_timesteps)
 
 
-def train_run(config, folder, p_error=None, progress=lambda step: None):
+def train_run(config, folder, p_error=None, progress=lambda step: None, decode=None):
     """Train and evaluate one policy; a pure function of its config and of `p_error`.
 
     Parameters
@@ -74,9 +74,11 @@ def train_run(config, folder, p_error=None, progress=lambda step: None):
     folder : Path
         Receives config.json, provenance.json, train.csv, eval.csv and actor.safetensors.
     p_error : DataFrame, optional
-        Columns subject, label, p_error; needed by condition "rlihf".
+        Columns subject, epoch, label, p_error; needed by condition "rlihf".
     progress : callable
         Called with the number of steps done after each evaluation.
+    decode : callable, optional
+        Decodes the feedback anew instead of looking it up; see `Observer`.
 
     Raises
     ------
@@ -97,7 +99,7 @@ def train_run(config, folder, p_error=None, progress=lambda step: None):
                 "decode it first with notebook 02"
             )
         rows = p_error[p_error["subject"] == config.subject]
-        observer = Observer(rows, np.random.default_rng(observer_seed))
+        observer = Observer(rows, np.random.default_rng(observer_seed), decode)
     env = TrainingReward(
         PickPlaceEnv(config.horizon, config.patience),
         config.condition,

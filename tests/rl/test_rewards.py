@@ -67,7 +67,7 @@ def test_progress_hardly_ever_falls_along_the_experts_way():
 
 
 def test_feedback_goes_on_after_the_can_has_fallen_or_stands_on_the_goal():
-    table = pd.DataFrame({"label": [0, 1], "p_error": [0.25, 0.75]})
+    table = pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.25, 0.75]})
     env = TrainingReward(
         PickPlaceEnv(HORIZON), "rlihf", 0.96, 0.7, Observer(table, np.random.default_rng(0))
     )
@@ -110,16 +110,17 @@ def test_observer_sees_standing_still_lost_ground_and_closeness_as_wrong(changes
 
 
 def test_observer_answers_with_epochs_of_the_class_it_saw():
-    table = pd.DataFrame({"label": [0, 0, 1, 1], "p_error": [0.1, 0.2, 0.8, 0.9]})
+    table = pd.DataFrame(
+        {"epoch": range(4), "label": [0, 0, 1, 1], "p_error": [0.1, 0.2, 0.8, 0.9]}
+    )
     observer = Observer(table, np.random.default_rng(0))
-    right = {observer.watch(moment()) for _ in range(30)}
-    wrong = {observer.watch(moment(lost=True)) for _ in range(30)}
-    assert right == {0.1, 0.2} and wrong == {0.8, 0.9}
-    assert observer.errors_seen == 30
+    assert set(observer.watch(moment(), 30)) == {0.1, 0.2}
+    assert set(observer.watch(moment(lost=True), 30)) == {0.8, 0.9}
+    assert observer.errors_seen == 1
 
 
 def test_observer_needs_both_classes():
-    table = pd.DataFrame({"label": [0], "p_error": [0.1]})
+    table = pd.DataFrame({"epoch": [0], "label": [0], "p_error": [0.1]})
     with pytest.raises(ValueError, match="class 'error'"):
         Observer(table, np.random.default_rng(0))
 
@@ -179,7 +180,7 @@ def decoder_of_accuracy_075():
     labels = np.repeat([0, 1], 500)
     right = rng.random(1000) < 0.75
     p = np.where(right == (labels == 1), 0.7, 0.3)
-    return pd.DataFrame({"label": labels, "p_error": p})
+    return pd.DataFrame({"epoch": range(1000), "label": labels, "p_error": p})
 
 
 @pytest.mark.parametrize("condition", ["sparse", "dense", "rlihf", "rlihf with a weak decoder"])

@@ -10,7 +10,9 @@ from rlihf_lib.rl.training import train_run
 
 SHORT = {"total_steps": 300, "eval_every": 150, "horizon": 60, "eval_rollouts": 2}
 SAC_SHORT = SACSettings(learning_starts=200, batch_size=64)
-TABLE = pd.DataFrame({"subject": "s02", "label": [0, 1, 0], "p_error": [0.2, 0.7, 0.3]})
+TABLE = pd.DataFrame(
+    {"subject": "s02", "epoch": range(3), "label": [0, 1, 0], "p_error": [0.2, 0.7, 0.3]}
+)
 
 
 def config(**changes):
