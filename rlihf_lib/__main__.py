@@ -15,7 +15,8 @@ def parser():
         prog="python -m rlihf_lib",
         description="From EEG recordings to every figure and table of the paper. What is done "
         "already, shipped results included, is used; the rest is computed.",
-        epilog="`python -m rlihf_lib bench [--json FILE]` measures the speed of every part.",
+        epilog="`python -m rlihf_lib bench [--json FILE]` measures the speed of every part, "
+        "`python -m rlihf_lib pilots` repeats the runs behind the settings.",
     )
     result.add_argument("--profile", choices=PROFILES, default="quick", help="size (default quick)")
     result.add_argument(
@@ -54,6 +55,10 @@ def main(argv=None):
         from rlihf_lib import bench
 
         return bench.main(argv[1:])
+    if argv[:1] == ["pilots"]:
+        from rlihf_lib import pilots
+
+        return pilots.main(argv[1:])
     command = parser()
     options = command.parse_args(argv)
     try:

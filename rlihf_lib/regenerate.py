@@ -33,7 +33,7 @@ STEPS = (
     Step("05_whf_ablation"),
 )
 #: Notebooks that read epochs and so need to know how their events are named.
-READ_EPOCHS = ("01_dataset_preprocessing", "02_loso_decoder")
+READ_EPOCHS = ("01_dataset_preprocessing", "02_loso_decoder", "03_policy_training")
 
 
 class NotebookError(RuntimeError):

@@ -78,8 +78,8 @@ PROFILES = {
             n_policy_subjects=3,
             n_ablation_subjects=1,
             seeds=(0, 1),
-            total_steps=48_000,
-            eval_every=4_000,
+            total_steps=60_000,
+            eval_every=5_000,
             decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
         Profile(

@@ -1,0 +1,149 @@
+"""Pilots: the runs behind the settings, on seeds that no study uses. `python -m rlihf_lib pilots`.
+
+The paper's 150,000 steps of dense and sparse reward, of feedback from an ideal decoder (p = label)
+and of feedback from the weakest, the median and the strongest decoded subject. Task, rewards,
+observer and learner were chosen on such runs before any study was computed; they are the same for
+all conditions.
+"""
+
+import argparse
+
+import matplotlib.pyplot as plt
+import pandas as pd
+
+from rlihf_lib.files import write_csv
+from rlihf_lib.report.figures_policy import learning_curve
+from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note, save_figure, use_style
+from rlihf_lib.rl.config import RunConfig
+from rlihf_lib.rl.observer import perfect_table
+from rlihf_lib.rl.sweep import is_done, run_sweep
+from rlihf_lib.study import Study, p_error_sha256
+
+SEEDS = (100, 101, 102)
+STEPS, EVAL_EVERY = 150_000, 10_000
+IDEAL = "ideal"
+COLUMNS = ("success", "completed", "path_efficiency", "path_deviation", "collisions")
+
+
+def tables(study):
+    """Return the p(error) table of the decoded subjects and of an ideal decoder."""
+    return pd.concat([study.p_error(), perfect_table().assign(subject=IDEAL)], ignore_index=True)
+
+
+def run_configs(study, p_error):
+    """List the pilots, those first whose answer is needed first.
+
+    Parameters
+    ----------
+    study : Study
+        Its policy subjects are the decoders tried.
+    p_error : DataFrame
+        From `tables`.
+
+    Returns
+    -------
+    list of RunConfig
+    """
+
+    def config(seed, condition, subject="", w_hf=0.0):
+        digest = p_error_sha256(p_error, subject) if subject else ""
+        return RunConfig(
+            condition, seed, STEPS, EVAL_EVERY, "pilots", study.eeg_name if subject else "none",
+            subject, w_hf, digest,
+        )  # fmt: skip
+
+    weights, decoded = study.profile.weights, study.policy_subjects()
+    return [
+        *(config(seed, "dense") for seed in SEEDS),
+        *(config(seed, "rlihf", IDEAL, study.profile.w_hf) for seed in SEEDS),
+        *(config(s, "rlihf", subject, study.profile.w_hf) for s in SEEDS for subject in decoded),
+        config(SEEDS[0], "sparse"),
+        *(
+            config(SEEDS[0], "rlihf", subject, w_hf)
+            for w_hf in weights
+            if w_hf != study.profile.w_hf
+            for subject in decoded
+        ),
+    ]
+
+
+def load(configs, folder):
+    """Read the evaluations of the pilots that are done, a row per rollout."""
+    frames = [
+        pd.read_csv(folder / config.run_id / "eval.csv").assign(
+            run=config.run_id, condition=config.condition, subject=config.subject, w_hf=config.w_hf
+        )
+        for config in configs
+    ]
+    return pd.concat(frames, ignore_index=True)
+
+
+def summary(runs):
+    """Average each run over the last third of training: a row per run."""
+    late = runs[runs["step"] > STEPS * 2 / 3]
+    keys = ["condition", "subject", "w_hf", "run"]
+    return late.groupby(keys)[list(COLUMNS)].mean().round(3).reset_index()
+
+
+def learning_curves(runs, w_hf, caption):
+    """Draw success rate and completed share of the path: a line per condition or subject.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        From `load`.
+    w_hf : float
+        Weight of human feedback shown.
+    caption : str
+
+    Returns
+    -------
+    matplotlib Figure
+    """
+    runs = runs[(runs["condition"] != "rlihf") | (runs["w_hf"] == w_hf)]
+    subjects = sorted(set(runs["subject"]) - {"", IDEAL})
+    shades = plt.get_cmap("YlOrRd")
+    lines = {
+        ("dense", ""): (COLORS["dense"], "RL dense"),
+        ("sparse", ""): (COLORS["sparse"], "RL sparse"),
+    }
+    lines["rlihf", IDEAL] = (COLORS["ideal"], "RLIHF, ideal decoder")
+    for i, subject in enumerate(subjects):
+        lines["rlihf", subject] = (shades(0.4 + 0.5 * i / len(subjects)), f"RLIHF, {subject}")
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), sharex=True)
+    for ax, metric, label in zip(
+        axes, ("success", "completed"), ("Success rate", "Share of the path completed"), strict=True
+    ):
+        for (condition, subject), (color, name) in lines.items():
+            chosen = runs[(runs["condition"] == condition) & (runs["subject"] == subject)]
+            if len(chosen):
+                n = chosen["run"].nunique()
+                learning_curve(chosen, ax, metric, color=color, label=f"{name} (n = {n})")
+        ax.set(xlabel="Steps (thousands)", ylabel=label, ylim=(-0.03, 1.03))
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
+    note(fig, caption)
+    return fig
+
+
+def main(argv=None):
+    """Train the pilots that are missing, then write table and figure; return the exit status."""
+    command = argparse.ArgumentParser(prog="python -m rlihf_lib pilots", description=__doc__)
+    command.add_argument("--workers", type=int, default=0, help="processes (default: the cores)")
+    options = command.parse_args(argv)
+    study = Study("quick")
+    study.results = study.out / "results" / "pilots"
+    study.runs, study.figures = study.results / "runs", study.out / "figures" / "pilots"
+    p_error = tables(study)
+    configs = run_configs(study, p_error)
+    try:
+        run_sweep(configs, study.runs, p_error, options.workers)
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here")
+    done = [config for config in configs if is_done(config, study.runs)]
+    runs = load(done, study.runs)
+    write_csv(study.results / "summary.csv", summary(runs))
+    use_style()
+    caption = f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · {study.eeg_label} · {len(done)} runs"
+    fig = learning_curves(runs, study.profile.w_hf, caption)
+    save_figure(fig, study, "learning_curves", "pilots", [config.run_id for config in done])
+    return 0
