@@ -61,7 +61,7 @@ class RunConfig:
     """Hash of the subject's rows of the p(error) table; empty without feedback."""
     horizon: int = 1000
     """Steps after which an episode of the evaluation is truncated (paper: 1000)."""
-    patience: int = 40
+    patience: int = 20
     """Steps of training without progress after which an episode is truncated (paper: none)."""
     eval_rollouts: int = 5
     """Rollouts per evaluation point (paper: 5)."""

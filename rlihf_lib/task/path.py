@@ -3,16 +3,18 @@
 The ideal path leads the hand from its start over the can, down to it, up by `LIFT`, round the
 obstacles on the robot's side with the clearance people prefer, over the goal and down onto it. One
 number says how far a state is from the end: the *remaining path* in metres. On the ideal path it is
-the length that is left; beside it, coming back costs `DETOUR` times the distance:
+the length that is left; beside it, coming back costs several times the distance:
 
-    D(x) = min_q  DETOUR * |x - q| + length left at q,      q on the ideal path.
+    D(x) = min_q  detour * |x - q| + length left at q,      q on the ideal path.
 """
 
 import numpy as np
 
 LIFT = 0.10  # metres the can is lifted before it is carried
 HOVER = 0.10  # metres over the can from which the hand comes down
-DETOUR = 2.5  # price of a metre beside the path; 1 would let the hand cut the corner
+# Price of a metre beside the path; 1 would let the hand cut every corner. The can has to go round
+# the obstacles; the hand on its way to the can may come as it likes, and a beginner's wavers.
+CARRY_DETOUR, REACH_DETOUR = 2.5, 1.5
 VIA = ((-0.26, -0.06), (-0.26, 0.06))  # where the path passes the bottle and the cereal box
 GRASP_WORTH = 0.10  # metres: closing the fingers round the can, half of it for the hold itself
 # Metres of way left to the can at which closing counts fully, and not at all. Hands closed 4 cm
@@ -27,6 +29,8 @@ class Polyline:
     ----------
     vertices : array-like, shape (n, 3)
         Metres.
+    detour : float
+        Price of a metre beside it, above 1.
 
     Attributes
     ----------
@@ -34,7 +38,8 @@ class Polyline:
         Metres.
     """
 
-    def __init__(self, vertices):
+    def __init__(self, vertices, detour=CARRY_DETOUR):
+        self.detour = detour
         vertices = np.asarray(vertices, float)
         pieces = np.diff(vertices, axis=0)
         self._lengths = np.linalg.norm(pieces, axis=1)
@@ -54,15 +59,15 @@ class Polyline:
         Returns
         -------
         left : float
-            min over q of `DETOUR` * |point - q| + length left at q.
+            min over q of `detour` * |point - q| + length left at q.
         joined : float
             Length from the start to the best q.
         """
-        # A metre beside the path costs DETOUR, so the path is best joined further on, at the angle
-        # at which what is saved along it no longer pays for the longer way across.
-        along, distance = self._from_pieces(point, 1 / np.sqrt(DETOUR**2 - 1))
+        # A metre beside the path costs `detour`, so the path is best joined further on, at the
+        # angle at which what is saved along it no longer pays for the longer way across.
+        along, distance = self._from_pieces(point, 1 / np.sqrt(self.detour**2 - 1))
         joined = self._before[:-1] + along
-        left = DETOUR * distance + self.length - joined
+        left = self.detour * distance + self.length - joined
         best = left.argmin()
         return float(left[best]), float(joined[best])
 
@@ -105,7 +110,7 @@ class IdealPath:
         self.reach = np.array([hand, can + HOVER * up, can])
         via = [np.array([*xy, height]) for xy in VIA]
         self.carry = np.array([can, can + LIFT * up, *via, [*goal[:2], height], goal])
-        self._descent = Polyline([HOVER * up, 0 * up])
+        self._descent = Polyline([HOVER * up, 0 * up], REACH_DETOUR)
         self._reach, self._carry = Polyline(self.reach), Polyline(self.carry)
         self.carry_length = self._carry.length
         self.length = self._reach.length + self.carry_length
@@ -115,12 +120,12 @@ class IdealPath:
         """Length left from `hand` (3,) to the can at `can` (3,), metres.
 
         Straight to the hovering point and down; low beside the can, where that would sweep it
-        aside, height lost costs `DETOUR`.
+        aside, height lost costs `REACH_DETOUR`.
         """
         offset = hand - can
         beside, _ = self._descent.remaining(offset)
         too_low = max(0.0, HOVER / 2 - offset[2])
-        straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + DETOUR * too_low
+        straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + REACH_DETOUR * too_low
         return float(min(beside, straight))
 
     def remaining_carry(self, can):
