@@ -1,0 +1,55 @@
+"""The pilots stay apart from the studies, and show what is done so far."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from rlihf_lib import pilots
+from rlihf_lib.study import PROFILES, Study
+
+STUDY = Study("quick")
+
+
+def evaluations(configs):
+    """Runs that place the can more often the longer they have been trained."""
+    steps = np.arange(0, pilots.STEPS + 1, pilots.EVAL_EVERY)
+    frames = [
+        pd.DataFrame(
+            {
+                "step": steps, "rollout": 0, "success": steps / pilots.STEPS,
+                **dict.fromkeys(pilots.COLUMNS[1:], 0.5), "run": config.run_id,
+                "condition": config.condition, "subject": config.subject, "w_hf": config.w_hf,
+            }
+        )
+        for config in configs
+    ]  # fmt: skip
+    return pd.concat(frames, ignore_index=True)
+
+
+def test_pilots_use_seeds_that_no_study_uses_and_share_its_settings():
+    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
+    assert len({config.run_id for config in configs}) == len(configs)
+    used = {seed for profile in PROFILES.values() for seed in profile.seeds}
+    assert not used & {config.seed for config in configs}
+    assert {config.condition for config in configs} == {"sparse", "dense", "rlihf"}
+    assert {config.sac for config in configs} == {STUDY.run_configs("dense")[0].sac}
+    assert {config.patience for config in configs} == {STUDY.run_configs("dense")[0].patience}
+
+
+def test_summary_averages_the_last_third_of_training():
+    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))[:2]
+    table = pilots.summary(evaluations(configs))
+    assert table["run"].tolist() == [config.run_id for config in configs]
+    late = np.arange(110_000, 150_001, 10_000) / 150_000
+    np.testing.assert_allclose(table["success"], late.mean(), atol=1e-3)
+
+
+def test_learning_curves_show_the_runs_there_are():
+    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
+    done = [c for c in configs if c.condition == "dense" or c.subject == pilots.IDEAL]
+    fig = pilots.learning_curves(evaluations(done), 0.7, "pilots")
+    for ax in fig.axes:
+        assert [line.get_label() for line in ax.lines] == [
+            "RL dense (n = 3)", "RLIHF, ideal decoder (n = 3)",
+        ]  # fmt: skip
+    plt.close(fig)
