@@ -53,6 +53,7 @@ def test_each_notebook_has_one_parameters_cell_with_the_common_literals(name):
     assignments = ast.parse(tagged[0].source).body
     values = {node.targets[0].id: ast.literal_eval(node.value) for node in assignments}
     assert values.pop("condition", None) == ("rlihf" if name.startswith("03") else None)
+    assert values.pop("live", None) == (False if name.startswith("03") else None)
     assert values.pop("events", None) == (["correct", "error"] if name in READ_EPOCHS else None)
     assert values == PARAMETERS
 
