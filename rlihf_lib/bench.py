@@ -21,6 +21,7 @@ from stable_baselines3.common.logger import configure
 from rlihf_lib.eeg.benchmark import measure as eeg_speed
 from rlihf_lib.files import write_text
 from rlihf_lib.rl.config import RunConfig, SACSettings
+from rlihf_lib.rl.observer import Observer, perfect_table
 from rlihf_lib.rl.rewards import TrainingReward
 from rlihf_lib.rl.sac import make_sac
 from rlihf_lib.rl.sweep import run_sweep
@@ -33,6 +34,7 @@ WANTED = {
     "mujoco_share": "at least 0.7",
     "train_speedup": "at least 5",
     "update_speedup": "at least 2",
+    "feedback_cost": "at most 1.05",
     "sweep_scaling": "at least 1.9",
     "loso_speedup": "at least 5",
     "loso_auroc": "at least the reference's - 0.01",
@@ -141,6 +143,16 @@ def train_and_update_speedup(repeats, steps=150, updates=100):
     return statistics.median(training), statistics.median(updating)
 
 
+def feedback_cost(repeats, steps=150):
+    """Ratio of the time a step takes with human feedback to that with dense reward, no update."""
+    discount, rng = SACSettings().discount, np.random.default_rng(0)
+    observer = Observer(perfect_table(), rng)
+    dense = TrainingReward(PickPlaceEnv(), "dense", discount)
+    rlihf = TrainingReward(PickPlaceEnv(), "rlihf", discount, 0.7, observer)
+    actions = rng.uniform(-1, 1, (steps, 4))
+    return statistics.median(_rate(dense, actions) / _rate(rlihf, actions) for _ in range(repeats))
+
+
 def sweep_scaling(repeats, steps=3_000):
     """Ratio of the sweep's throughput with two workers to that with one; start-up included."""
     configs = [
@@ -173,6 +185,7 @@ def main(argv):
     ratios = {"env_speedup": env_speedup(options.repeats)}
     ratios["mujoco_share"] = mujoco_share(options.repeats)
     ratios["train_speedup"], ratios["update_speedup"] = train_and_update_speedup(options.repeats)
+    ratios["feedback_cost"] = feedback_cost(options.repeats)
     ratios["sweep_scaling"] = sweep_scaling(max(1, options.repeats // 3))
     ratios |= eeg_speed()
     print(f"{'what':21}{'measured':>9}  wanted")
