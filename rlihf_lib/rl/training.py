@@ -131,15 +131,18 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, decode=N
 def environment():
     """Versions and machine a result was computed with."""
     packages = ("rlihf_lib", "torch", "stable-baselines3", "robosuite", "mujoco", "numpy")
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty", "--exclude=*"],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    here = Path(__file__).parents[1]
+
+    def git(*arguments):
+        done = subprocess.run(
+            ["git", *arguments], cwd=here, capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip()
+
+    # Results written beside the code don't change it.
+    changed = "-dirty" if git("status", "--porcelain", "--", ".") else ""
     return {
-        "commit": commit.stdout.strip() or "unknown",
+        "commit": (git("rev-parse", "--short", "HEAD") or "unknown") + changed,
         "packages": {name: importlib.metadata.version(name) for name in packages},
         "python": platform.python_version(),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
