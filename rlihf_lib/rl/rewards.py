@@ -5,7 +5,7 @@ that has fallen, worth nothing. Episodes end there, and what the learner would h
 paid at once, `PLACED / (1 - discount)` and the feedback of an observer who goes on watching: the
 same values for the learner as an episode that runs on, without filling the replay buffer with a
 finished task. As feedback is never negative, it would otherwise be a reason not to finish, and to
-keep away from a can that may fall over: that is what pilots with decoded feedback learnt.
+keep away from a can that may fall over.
 """
 
 import gymnasium as gym
