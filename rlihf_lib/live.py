@@ -5,9 +5,6 @@ same numbers. This module does it all the same, as it would be with somebody wea
 so shows that the table hides nothing: the run is the same, bit by bit.
 """
 
-from pathlib import Path
-
-from rlihf_lib.eeg.decoding import load_decoder, load_subject, loader
 from rlihf_lib.eeg.streaming import StreamDecoder
 from rlihf_lib.rl.training import train_run
 
@@ -63,7 +60,10 @@ def train_live(study, config, folder, p_error=None, progress=lambda step: None):
     """
     decode = None
     if config.subject:
-        decoder = load_decoder(Path(study.decoder), config.subject)
+        # Imports MNE, so only when asked.
+        from rlihf_lib.eeg.decoding import load_decoder, load_subject, loader
+
+        decoder = load_decoder(study.decoder, config.subject)
         held_out = load_subject(loader(study.eeg, study.events), config.subject)
         decode = LiveFeedback(decoder, held_out)
     train_run(config, folder, p_error, progress, decode)

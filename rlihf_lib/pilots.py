@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 from rlihf_lib.files import write_csv
+from rlihf_lib.report.evaluations import add_phase, read_runs
 from rlihf_lib.report.figures_policy import learning_curve
 from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note, save_figure, use_style
 from rlihf_lib.rl.config import RunConfig
@@ -67,20 +68,9 @@ def run_configs(study, p_error):
     ]
 
 
-def load(configs, folder):
-    """Read the evaluations of the pilots that are done, a row per rollout."""
-    frames = [
-        pd.read_csv(folder / config.run_id / "eval.csv").assign(
-            run=config.run_id, condition=config.condition, subject=config.subject, w_hf=config.w_hf
-        )
-        for config in configs
-    ]
-    return pd.concat(frames, ignore_index=True)
-
-
 def summary(runs):
     """Average each run over the last third of training: a row per run."""
-    late = runs[runs["step"] > STEPS * 2 / 3]
+    late = add_phase(runs, STEPS).query("phase == 'Late'")
     keys = ["condition", "subject", "w_hf", "run"]
     return late.groupby(keys)[list(COLUMNS)].mean().round(3).reset_index()
 
@@ -91,7 +81,7 @@ def learning_curves(runs, w_hf, caption):
     Parameters
     ----------
     runs : DataFrame
-        From `load`.
+        From `report.evaluations.read_runs`.
     w_hf : float
         Weight of human feedback shown.
     caption : str
@@ -140,7 +130,7 @@ def main(argv=None):
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here")
     done = [config for config in configs if is_done(config, study.runs)]
-    runs = load(done, study.runs)
+    runs = read_runs(done, study.runs)
     write_csv(study.results / "summary.csv", summary(runs))
     use_style()
     caption = f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · {study.eeg_label} · {len(done)} runs"

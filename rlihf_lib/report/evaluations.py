@@ -54,13 +54,29 @@ def load_training(study, stages):
 
 
 def _load(study, stages, name, columns):
+    configs = dict.fromkeys(config for stage in stages for config in study.run_configs(stage))
+    return read_runs(configs, study.runs, name, columns)
+
+
+def read_runs(configs, runs_dir, name="eval.csv", columns=EVAL_COLUMNS):
+    """Read one table of each run; see `load_runs`.
+
+    Parameters
+    ----------
+    configs : iterable of RunConfig
+    runs_dir : Path
+        Holds the runs' folders.
+    name : str
+        File in a run's folder.
+    columns : sequence of str
+        Columns it must have.
+    """
     from rlihf_lib.rl.sweep import is_done  # imports Dask, so only when asked
 
-    configs = dict.fromkeys(config for stage in stages for config in study.run_configs(stage))
     frames = []
     for config in configs:
-        path = study.runs / config.run_id / name
-        if not is_done(config, study.runs):
+        path = runs_dir / config.run_id / name
+        if not is_done(config, runs_dir):
             raise FileNotFoundError(
                 f"{path.parent} is missing or made from another config; "
                 "train it with notebook 03_policy_training or 05_whf_ablation (--only 03 05)"

@@ -256,18 +256,19 @@ class PickPlaceEnv(gym.Env):
         can_velocity = self.data.cvel[body][3:]
         centre = np.array([0, 0, TABLE_HEIGHT + 0.1])
         obstacles = [self.body(name) - hand for name in OBSTACLES]
+        reach, carry = can - hand, self.goal - can
         setback = min((self.remaining - self.best) / 0.05, 2.0)
         return np.concatenate(
             [
                 (hand - centre) / LENGTH_SCALE,
                 velocity / SPEED_SCALE,
                 (self.controller.goal_pos - hand) / 0.05,
-                (can - hand) / LENGTH_SCALE,
+                reach / LENGTH_SCALE,
                 up,
                 can_velocity / SPEED_SCALE,
-                (self.goal - can) / LENGTH_SCALE,
-                np.tanh((can - hand) / CLOSE_RANGE),
-                np.tanh((self.goal - can) / CLOSE_RANGE),
+                carry / LENGTH_SCALE,
+                np.tanh(reach / CLOSE_RANGE),
+                np.tanh(carry / CLOSE_RANGE),
                 *(o / LENGTH_SCALE for o in obstacles),
                 [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted), setback],
             ]
