@@ -7,6 +7,7 @@ all conditions.
 """
 
 import argparse
+import itertools
 
 import matplotlib.pyplot as plt
 import pandas as pd
@@ -54,15 +55,21 @@ def run_configs(study, p_error):
         )  # fmt: skip
 
     weights, decoded = study.profile.weights, study.policy_subjects()
+    w_hf = study.profile.w_hf
+    by_seed = [
+        [
+            *(config(seed, "rlihf", subject, w_hf) for subject in (*decoded, IDEAL)),
+            config(seed, "dense"),
+        ]
+        for seed in SEEDS
+    ]
     return [
-        *(config(seed, "dense") for seed in SEEDS),
-        *(config(seed, "rlihf", IDEAL, study.profile.w_hf) for seed in SEEDS),
-        *(config(s, "rlihf", subject, study.profile.w_hf) for s in SEEDS for subject in decoded),
+        *itertools.chain.from_iterable(by_seed),
         config(SEEDS[0], "sparse"),
         *(
-            config(SEEDS[0], "rlihf", subject, w_hf)
-            for w_hf in weights
-            if w_hf != study.profile.w_hf
+            config(SEEDS[0], "rlihf", subject, weight)
+            for weight in weights
+            if weight != w_hf
             for subject in decoded
         ),
     ]
