@@ -109,7 +109,8 @@ def mujoco_share(repeats, steps=200):
 def _learners():
     """The study's learner on the fast environment, and SB3's SAC on the stock one."""
     settings = SACSettings(learning_starts=300)
-    fast = make_sac(TrainingReward(PickPlaceEnv(), "dense", settings.discount), settings, seed=0)
+    env = TrainingReward(PickPlaceEnv(patience=RunConfig.patience), "dense", settings.discount)
+    fast = make_sac(env, settings, seed=0)
     stock = SAC(
         "MlpPolicy", _stock(),
         learning_rate=settings.learning_rate, learning_starts=300, gamma=settings.discount,
@@ -153,8 +154,12 @@ def feedback_cost(repeats, steps=150):
     return statistics.median(_rate(dense, actions) / _rate(rlihf, actions) for _ in range(repeats))
 
 
-def sweep_scaling(repeats, steps=3_000):
-    """Ratio of the sweep's throughput with two workers to that with one; start-up included."""
+def sweep_scaling(repeats, steps=20_000):
+    """Ratio of the sweep's throughput with two workers to that with one, start-up included.
+
+    Runs of 20,000 steps, so that the seconds that workers take to start don't decide: they are a
+    hundredth of a run of 150,000.
+    """
     configs = [
         RunConfig(condition="dense", seed=seed, total_steps=steps, eval_every=steps, horizon=100,
                   eval_rollouts=1)

@@ -49,6 +49,9 @@ class StackedCritic(nn.Module):
 class StackedPolicy(SACPolicy):
     """SB3's policy with a `StackedCritic`."""
 
+    def set_training_mode(self, mode):
+        """Leave the mode alone: no layer here behaves differently, and SB3 sets it twice a step."""
+
     def make_critic(self, features_extractor=None):
         """Build one set of critics."""
         n_in = self.observation_space.shape[0] + self.action_space.shape[0]

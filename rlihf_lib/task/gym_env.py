@@ -4,13 +4,15 @@ robosuite's own `GymWrapper` reports the horizon as `terminated`, so that a lear
 at the time limit, and `reset(seed=)` does not seed the placement: hence this adapter.
 """
 
+import math
 from dataclasses import dataclass
 
 import gymnasium as gym
-import mujoco
+import numba
 import numpy as np
 
 from rlihf_lib.task.control import ARM_DOFS, Controller, StockController
+from rlihf_lib.task.mujoco_c import mj_geomDistance
 from rlihf_lib.task.path import IdealPath, path_efficiency
 from rlihf_lib.task.workspace import CLOSED_ANGLE, OBSTACLES, OPEN_ANGLE, TABLE_HEIGHT, Workspace
 
@@ -18,6 +20,7 @@ PLACED_WITHIN = 0.04  # metres between the can's and the goal's centre
 LIFTED = 0.05  # metres of lift that tell carrying from pushing
 LOWERED = 0.03  # metres over the goal from which letting go is placing, not dropping
 CLEARANCE_RANGE = 0.15  # metres beyond which clearance isn't measured
+CENTRE = np.array([0, 0, TABLE_HEIGHT + 0.1])  # of the space over the table
 LENGTH_SCALE, SPEED_SCALE = 0.2, 0.5  # observation units: 0.2 m and 0.5 m/s
 CLOSE_RANGE = 0.03  # metres; grasping and placing take place at a few centimetres
 IN_HAND = 0.06  # metres between hand and can up to which a lifted can hasn't been dropped
@@ -112,6 +115,8 @@ class PickPlaceEnv(gym.Env):
         self._obstacle_geoms = np.flatnonzero(self._is_obstacle)
         hand = [n.endswith(("hand_collision", "distal_collision")) for n in names]
         self._hand_geoms = np.flatnonzero(hand)
+        self._hand_and_can_geoms = np.append(self._hand_geoms, w.geom_ids["can"])
+        self._obstacle_bodies = [w.body_ids[name] for name in OBSTACLES]
 
     def reset(self, *, seed=None, options=None):
         """Start an episode; `seed` seeds this and, through it, all later placements."""
@@ -153,13 +158,13 @@ class PickPlaceEnv(gym.Env):
         hand, can = self.controller.hand.copy(), self.body("can")
         touching_can, thumb, finger, collided = self._contacts()
         # Contacts of a can that is carried flicker; only one that leaves the hand is dropped.
-        aloft = can[2] > self.goal[2] + 0.005 and np.linalg.norm(hand - can) < IN_HAND
+        aloft = can[2] > self.goal[2] + 0.005 and math.dist(hand, can) < IN_HAND
         self.grasped = bool((thumb and finger) or (self.grasped and aloft))
         upright = self.data.xmat[self.workspace.body_ids["can"]][8]
-        at_goal = np.linalg.norm(can[:2] - self.goal[:2]) < PLACED_WITHIN
+        at_goal = math.dist(can[:2], self.goal[:2]) < PLACED_WITHIN
         standing = abs(can[2] - self.goal[2]) < 0.01 and upright > 0.95
         self.lifted = self.lifted or bool(self.grasped and can[2] > self.goal[2] + LIFTED)
-        if self.grasped:
+        if self.grasped and touching_can:  # else the can may be falling past the height asked for
             self.lowered = bool(at_goal and can[2] < self.goal[2] + LOWERED)
         delivered = bool(self.lifted and self.lowered and at_goal and standing)
         success = delivered and not touching_can
@@ -189,7 +194,7 @@ class PickPlaceEnv(gym.Env):
         self.remaining = remaining
         if remaining < self.best:
             self.best, self.advanced = remaining, self.steps
-        self.travelled += float(np.linalg.norm(hand - before))
+        self.travelled += math.dist(hand, before)
         self.squared_deviation += deviation**2
         self.collisions += collided and not self.colliding
         self.colliding = collided
@@ -198,8 +203,7 @@ class PickPlaceEnv(gym.Env):
 
     def closure(self):
         """How far the fingers are closed, 0 open to 1 closed."""
-        angle = self.data.qpos[[ARM_DOFS, ARM_DOFS + 2, ARM_DOFS + 4]].mean()
-        return _closure(angle)
+        return _closure(sum(self.data.qpos[ARM_DOFS : ARM_DOFS + 6 : 2]) / 3)
 
     def squeeze(self):
         """How far the fingers are told to close, 0 open to 1 closed."""
@@ -224,16 +228,8 @@ class PickPlaceEnv(gym.Env):
 
     def _clearance(self):
         """Distance between hand or held can and the nearest obstacle, metres."""
-        moving = self._hand_geoms
-        if self.grasped:
-            moving = np.append(moving, self.workspace.geom_ids["can"])
-        closest = CLEARANCE_RANGE
-        for a in moving:
-            for b in self._obstacle_geoms:
-                closest = min(
-                    closest, mujoco.mj_geomDistance(self.model, self.data, a, b, closest, None)
-                )
-        return max(closest, 0.0)
+        moving = self._hand_and_can_geoms if self.grasped else self._hand_geoms
+        return _closest(self.model._address, self.data._address, moving, self._obstacle_geoms)
 
     def metrics(self, success):
         """Metrics of the episode so far, by the names of `eval.csv`."""
@@ -254,13 +250,12 @@ class PickPlaceEnv(gym.Env):
         body = self.workspace.body_ids["can"]
         up = self.data.xmat[body][[2, 5]]
         can_velocity = self.data.cvel[body][3:]
-        centre = np.array([0, 0, TABLE_HEIGHT + 0.1])
-        obstacles = [self.body(name) - hand for name in OBSTACLES]
+        obstacles = self.data.xpos[self._obstacle_bodies] - hand
         reach, carry = can - hand, self.goal - can
         setback = min((self.remaining - self.best) / 0.05, 2.0)
         return np.concatenate(
             [
-                (hand - centre) / LENGTH_SCALE,
+                (hand - CENTRE) / LENGTH_SCALE,
                 velocity / SPEED_SCALE,
                 (self.controller.goal_pos - hand) / 0.05,
                 reach / LENGTH_SCALE,
@@ -269,7 +264,7 @@ class PickPlaceEnv(gym.Env):
                 carry / LENGTH_SCALE,
                 np.tanh(reach / CLOSE_RANGE),
                 np.tanh(carry / CLOSE_RANGE),
-                *(o / LENGTH_SCALE for o in obstacles),
+                obstacles.ravel() / LENGTH_SCALE,
                 [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted), setback],
             ]
         ).astype(np.float32)
@@ -281,4 +276,14 @@ class PickPlaceEnv(gym.Env):
 
 def _closure(angle):
     """Finger angle, rad, as 0 open to 1 closed."""
-    return float(np.clip((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0, 1))
+    return float(min(max((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0.0), 1.0))
+
+
+@numba.njit(cache=True)
+def _closest(model, data, moving, obstacles):
+    """Distance between the nearest two geoms, metres, from 0 to `CLEARANCE_RANGE`."""
+    closest = CLEARANCE_RANGE
+    for a in moving:
+        for b in obstacles:
+            closest = min(closest, mj_geomDistance(model, data, a, b, closest, 0))
+    return max(closest, 0.0)

@@ -8,6 +8,7 @@ the length that is left; beside it, coming back costs several times the distance
     D(x) = min_q  detour * |x - q| + length left at q,      q on the ideal path.
 """
 
+import numba
 import numpy as np
 
 LIFT = 0.10  # metres the can is lifted before it is carried
@@ -20,6 +21,40 @@ GRASP_WORTH = 0.10  # metres: closing the fingers round the can, half of it for 
 # Metres of way left to the can at which closing counts fully, and not at all. Hands closed 4 cm
 # over to 2.5 cm under the can's centre, or 2 cm beside it, lift it.
 NEAR, FAR = 0.04, 0.08
+
+
+@numba.njit(cache=True)
+def _piece(point, start, direction, length, slope):
+    """Length along a piece to where it is joined from `point`, and the distance to there."""
+    offset = point - start
+    foot = (offset * direction).sum()
+    beside = np.sqrt(max((offset**2).sum() - foot**2, 0.0))
+    along = min(max(foot + slope * beside, 0.0), length)
+    return along, np.sqrt(beside**2 + (along - foot) ** 2)
+
+
+@numba.njit(cache=True)
+def _nearest(point, starts, directions, lengths):
+    distance = np.inf
+    for i in range(len(lengths)):
+        distance = min(distance, _piece(point, starts[i], directions[i], lengths[i], 0.0)[1])
+    return distance
+
+
+@numba.njit(cache=True)
+def _join(point, starts, directions, lengths, detour):
+    # A metre beside the path costs `detour`, so the path is best joined further on, at the angle
+    # at which what is saved along it no longer pays for the longer way across.
+    slope = 1 / np.sqrt(detour**2 - 1)
+    before, total = 0.0, lengths.sum()
+    left, joined = np.inf, 0.0
+    for i in range(len(lengths)):
+        along, distance = _piece(point, starts[i], directions[i], lengths[i], slope)
+        price = detour * distance + total - before - along
+        if price < left:
+            left, joined = price, before + along
+        before += lengths[i]
+    return left, joined
 
 
 class Polyline:
@@ -49,12 +84,16 @@ class Polyline:
         self._before = np.append(0.0, np.cumsum(self._lengths))
         self.length = float(self._before[-1])
 
-    def distances(self, point):
-        """Distance from `point` (3,) to each piece, shape (n - 1,), metres."""
-        return self._from_pieces(point, 0.0)[1]
+    def distance(self, point):
+        """Distance from `point`, ndarray (3,), to the nearest point of the path, metres."""
+        return _nearest(point, self._starts, self._directions, self._lengths)
 
     def remaining(self, point):
         """Price of going on to the end from `point` (3,), and where the path is joined, metres.
+
+        Parameters
+        ----------
+        point : ndarray, shape (3,)
 
         Returns
         -------
@@ -63,21 +102,7 @@ class Polyline:
         joined : float
             Length from the start to the best q.
         """
-        # A metre beside the path costs `detour`, so the path is best joined further on, at the
-        # angle at which what is saved along it no longer pays for the longer way across.
-        along, distance = self._from_pieces(point, 1 / np.sqrt(self.detour**2 - 1))
-        joined = self._before[:-1] + along
-        left = self.detour * distance + self.length - joined
-        best = left.argmin()
-        return float(left[best]), float(joined[best])
-
-    def _from_pieces(self, point, slope):
-        """Length along each piece to where it is joined, and the distance to there."""
-        offset = point - self._starts
-        foot = (offset * self._directions).sum(axis=1)
-        beside = np.sqrt(np.maximum((offset**2).sum(axis=1) - foot**2, 0.0))
-        along = np.clip(foot + slope * beside, 0.0, self._lengths)
-        return along, np.sqrt(beside**2 + (along - foot) ** 2)
+        return _join(point, self._starts, self._directions, self._lengths, self.detour)
 
     def at(self, length):
         """Point `length` metres from the start, shape (3,); beyond the end, the end."""
@@ -154,7 +179,7 @@ class IdealPath:
             return float(self.remaining_carry(can) + 0.5 * GRASP_WORTH * (1 - closure))
         distance = self.remaining_reach(hand, can)
         # A hand closed too early has to open again: that is part of the way left.
-        near = np.clip((FAR - distance) / (FAR - NEAR), 0, 1)
+        near = min(max((FAR - distance) / (FAR - NEAR), 0.0), 1.0)
         closing = GRASP_WORTH * (1 + 0.5 * closure * (1 - 2 * near))
         # Pushing the can away makes the way longer, pushing it along doesn't make it shorter.
         carry = max(self.carry_length, self.remaining_carry(can))
@@ -162,7 +187,7 @@ class IdealPath:
 
     def deviation(self, hand):
         """Distance from `hand` (3,) to the nearest point of the ideal path, metres."""
-        return float(min(self._reach.distances(hand).min(), self._carry.distances(hand).min()))
+        return min(self._reach.distance(hand), self._carry.distance(hand))
 
     def lookahead(self, can, distance):
         """Point of the carry leg `distance` metres beyond the one that serves `can` best, (3,)."""

@@ -77,8 +77,9 @@ def _render_here(path, seed, positions, fps=""):
 
     from rlihf_lib.files import atomic_path
     from rlihf_lib.task.gym_env import PickPlaceEnv
+    from rlihf_lib.task.workspace import Workspace
 
-    env = PickPlaceEnv()
+    env = PickPlaceEnv(workspace=Workspace(fast=False))  # the fast one has no visual meshes
     env.reset(seed=seed)
     width, height = FILM_SIZE if positions else PICTURE_SIZE
     env.model.vis.global_.offwidth, env.model.vis.global_.offheight = width, height

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.rl.config import SACSettings
+from rlihf_lib.rl.config import RunConfig, SACSettings
 from rlihf_lib.rl.observer import Observer, looks_wrong, perfect_table
 from rlihf_lib.rl.rewards import (
     PLACED,
@@ -200,7 +200,7 @@ def test_expert_earns_more_than_every_exploiter(condition):
 
 
 def test_expert_looks_right_in_nine_of_ten_steps():
-    env, wrong = PickPlaceEnv(HORIZON), []
+    env, wrong = PickPlaceEnv(HORIZON, RunConfig.patience), []
     for seed in range(25):
         env.reset(seed=seed)
         done = False

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
@@ -149,6 +150,36 @@ def test_fast_control_moves_the_hand_as_robosuites_own_step_does(env):
         distances.append(np.linalg.norm(env.controller.hand - stock.controller.hand))
     assert np.ptp([env.controller.goal_pos, stock.controller.goal_pos], axis=0).max() < 0.005
     assert max(distances) < 0.004
+
+
+def test_expert_succeeds_at_the_same_rate_with_robosuites_own_step(env):
+    stock = PickPlaceEnv(horizon=120, workspace=Workspace(fast=False))
+    placed = [[episode(e, seed)[-1]["success"] for seed in range(20)] for e in (env, stock)]
+    assert min(np.mean(placed, axis=1)) >= 0.95
+    assert abs(np.mean(placed[0]) - np.mean(placed[1])) <= 0.05
+
+
+def test_an_object_sleeps_until_touched_and_then_moves_as_if_it_had_been_awake():
+    def push(sleep):
+        """Push the bottle along x from beside it; return its places and whether it slept."""
+        env = PickPlaceEnv()
+        env.reset(seed=0)
+        if not sleep:
+            env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        address = env.workspace.qpos_address["bottle"]
+        env.data.qpos[address : address + 2] = env.controller.hand[:2] + np.array([0.12, 0])
+        tree = env.model.body_treeid[env.workspace.body_ids["bottle"]]
+        places, asleep = [], []
+        for step in range(16):
+            env.step(np.array([0, 0, -1, 0] if step < 6 else [1, 0, 0, 0]))
+            places.append(env.body("bottle"))
+            asleep.append(env.data.tree_asleep[tree] >= 0)
+        return np.array(places), asleep
+
+    (slept, asleep), (awake, never) = push(sleep=True), push(sleep=False)
+    assert asleep[5] and not asleep[-1] and not any(never)
+    assert np.linalg.norm(awake[-1] - awake[5]) > 0.05
+    assert np.linalg.norm(slept - awake, axis=1).max() < 0.005
 
 
 def test_remaining_path_falls_along_the_ideal_path():
