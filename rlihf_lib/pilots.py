@@ -58,8 +58,8 @@ def run_configs(study, p_error):
     w_hf = study.profile.w_hf
     by_seed = [
         [
-            *(config(seed, "rlihf", subject, w_hf) for subject in (*decoded, IDEAL)),
             config(seed, "dense"),
+            *(config(seed, "rlihf", subject, w_hf) for subject in (IDEAL, *decoded)),
         ]
         for seed in SEEDS
     ]
