@@ -146,8 +146,8 @@ class Controller:
     def move_goal(self, action):
         """Shift the hand's goal by up to 3 cm along each axis, within reach and workspace."""
         hand = self.hand
-        ahead = _clip(self.goal_pos + STEP_LENGTH * action[:3] - hand, -LEASH, LEASH)
-        self.goal_pos = _clip(hand + ahead, WORKSPACE_LOW, WORKSPACE_HIGH)
+        ahead = np.clip(self.goal_pos + STEP_LENGTH * action[:3] - hand, -LEASH, LEASH)
+        self.goal_pos = np.clip(hand + ahead, WORKSPACE_LOW, WORKSPACE_HIGH)
 
     def advance(self, action):
         """Apply one action for one control step.
@@ -169,11 +169,6 @@ class Controller:
             data.site_xpos[self.site], data.site_xmat[self.site].reshape(3, 3),
             self._jacobian, self._mass,
         )  # fmt: skip
-
-
-def _clip(x, low, high):
-    """What np.clip does, five times as fast for short vectors."""
-    return np.minimum(np.maximum(x, low), high)
 
 
 class StockController(Controller):

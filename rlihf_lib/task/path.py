@@ -42,18 +42,16 @@ def _nearest(point, starts, directions, lengths):
 
 
 @numba.njit(cache=True)
-def _join(point, starts, directions, lengths, detour):
+def _join(point, starts, directions, lengths, before, detour):
     # A metre beside the path costs `detour`, so the path is best joined further on, at the angle
     # at which what is saved along it no longer pays for the longer way across.
     slope = 1 / np.sqrt(detour**2 - 1)
-    before, total = 0.0, lengths.sum()
     left, joined = np.inf, 0.0
     for i in range(len(lengths)):
         along, distance = _piece(point, starts[i], directions[i], lengths[i], slope)
-        price = detour * distance + total - before - along
+        price = detour * distance + before[-1] - before[i] - along
         if price < left:
-            left, joined = price, before + along
-        before += lengths[i]
+            left, joined = price, before[i] + along
     return left, joined
 
 
@@ -102,7 +100,9 @@ class Polyline:
         joined : float
             Length from the start to the best q.
         """
-        return _join(point, self._starts, self._directions, self._lengths, self.detour)
+        return _join(
+            point, self._starts, self._directions, self._lengths, self._before, self.detour
+        )
 
     def at(self, length):
         """Point `length` metres from the start, shape (3,); beyond the end, the end."""
