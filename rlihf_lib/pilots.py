@@ -7,7 +7,6 @@ all conditions.
 """
 
 import argparse
-import itertools
 
 import matplotlib.pyplot as plt
 import pandas as pd
@@ -56,15 +55,9 @@ def run_configs(study, p_error):
 
     weights, decoded = study.profile.weights, study.policy_subjects()
     w_hf = study.profile.w_hf
-    by_seed = [
-        [
-            config(seed, "dense"),
-            *(config(seed, "rlihf", subject, w_hf) for subject in (IDEAL, *decoded)),
-        ]
-        for seed in SEEDS
-    ]
+    compared = [("dense",), *(("rlihf", subject, w_hf) for subject in (IDEAL, *decoded))]
     return [
-        *itertools.chain.from_iterable(by_seed),
+        *(config(seed, *condition) for seed in SEEDS for condition in compared),
         config(SEEDS[0], "sparse"),
         *(
             config(SEEDS[0], "rlihf", subject, weight)
