@@ -38,6 +38,8 @@ class Batch:
     policy : stable_baselines3.sac.policies.SACPolicy
     size : int
         Transitions.
+    noise : pair of float
+        Standard deviation of the noise added to observations and to actions in `taken`.
 
     Notes
     -----
@@ -47,7 +49,7 @@ class Batch:
     between, `discounts` what the value of the later state counts: 0 where the episode terminated.
     """
 
-    def __init__(self, policy, size):
+    def __init__(self, policy, size, noise):
         n_observations, n_actions = (
             space.shape[0] for space in (policy.observation_space, policy.action_space)
         )
@@ -57,6 +59,9 @@ class Batch:
         self.states = self._rows[: 2 * size, :n_observations]
         self.policy_actions = self._rows[: 2 * size, n_observations:].numpy()
         self.returns, self.discounts = np.empty((2, size), np.float32)
+        self._noisy = any(noise)
+        self._noise = torch.empty_like(self.taken)
+        self._scale = torch.tensor([noise[0]] * n_observations + [noise[1]] * n_actions)
 
     def draw(self, buffer, n_steps, gamma):
         """Fill the batch: the transitions, and the random numbers, of `buffer.sample`.
@@ -75,3 +80,5 @@ class Batch:
             buffer.observations, buffer.actions, buffer.next_observations, buffer.rewards,
             buffer.dones, buffer.timeouts, self._rows.numpy(), self.returns, self.discounts,
         )  # fmt: skip
+        if self._noisy:  # else the random numbers stay those of SB3
+            self.taken.addcmul_(self._noise.normal_(), self._scale)

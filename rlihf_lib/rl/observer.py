@@ -1,23 +1,23 @@
 """The simulated person: which moments look wrong, and what their EEG then says.
 
-The rule, in words: *The observer expects the robot to get on with it. A moment looks right when it
-brings the robot visibly closer to having done the task than it has been before; it looks wrong
-when the robot stands still, dawdles, drifts, goes back, or makes up for ground it has lost, and
-always when hand or can come uncomfortably close to something that is not to be touched.* Visible
-means a quarter of the robot's full speed. The rule is the same for every subject and weight,
-depends only on what has been seen, and uses the same length of remaining path in every stage:
-reaching, closing, lifting, carrying, lowering, opening.
+The rule, in words: *The observer expects the robot to get on with it. The more ground a moment
+gains towards having done the task, beyond the best so far, the likelier it looks right; at half the
+robot's full speed it surely does. It looks wrong when the robot stands still, drifts, goes back or
+makes up for ground it has lost, and always when hand or can come uncomfortably close to something
+that is not to be touched.* The rule is the same for every subject and weight, depends only on what
+has been seen, and uses the same length of remaining path in every stage: reaching, closing,
+lifting, carrying, lowering, opening.
 """
 
 import numpy as np
 import pandas as pd
 
-VISIBLE_PROGRESS = 0.007  # metres of remaining path in one step of 0.1 s
+SURE_PROGRESS = 0.015  # metres of remaining path in one step of 0.1 s: half the full speed
 PREFERRED_CLEARANCE = 0.02  # metres between hand or can and an obstacle below which people worry
 
 
 def looks_wrong(moment):
-    """Whether the observer perceives an error in one control step.
+    """Probability that the observer perceives an error in one control step.
 
     Parameters
     ----------
@@ -26,13 +26,14 @@ def looks_wrong(moment):
 
     Returns
     -------
-    bool
+    float
+        In [0, 1]; falls linearly with the ground gained.
     """
     if moment.success:
-        return False
-    too_close = moment.collided or moment.clearance < PREFERRED_CLEARANCE
-    progress = moment.best - moment.remaining
-    return bool(moment.lost or too_close or progress < VISIBLE_PROGRESS)
+        return 0.0
+    if moment.lost or moment.collided or moment.clearance < PREFERRED_CLEARANCE:
+        return 1.0
+    return 1.0 - min(max((moment.best - moment.remaining) / SURE_PROGRESS, 0.0), 1.0)
 
 
 class Observer:
@@ -44,7 +45,7 @@ class Observer:
         Decoded held-out epochs of one subject, columns `epoch`, `label` (1 = error) and `p_error`
         in [0, 1].
     rng : numpy.random.Generator
-        Draws the epochs.
+        Draws what is perceived, and the epochs.
     decode : callable, optional
         `decode(epoch)` decodes the epoch of that number anew, as `rlihf_lib.live` does; by default
         p(error) is looked up in the table.
@@ -74,7 +75,7 @@ class Observer:
         p_error : ndarray, shape (n,)
             Of epochs of the class that the moment evokes.
         """
-        wrong = looks_wrong(moment)
+        wrong = int(self._rng.random() < looks_wrong(moment))
         self.errors_seen += wrong
         rows = self._rng.choice(self._rows[wrong], n)
         if self._decode is None:

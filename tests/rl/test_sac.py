@@ -1,5 +1,7 @@
 """The written-out update against Stable-Baselines3's own, which uses autograd."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -33,8 +35,12 @@ class Noise(Env):
         return observation, float(self.rng.random()), terminated, truncated, {}
 
 
+# Without the noise on the critics' inputs, which SB3's SAC does not know.
+SMALL = SACSettings(hidden=(16, 24), learning_starts=80, batch_size=32, critic_noise=(0.0, 0.0))
+
+
 def settings(**changes):
-    return SACSettings(**{"hidden": (16, 24), "learning_starts": 80, "batch_size": 32, **changes})
+    return replace(SMALL, **changes)
 
 
 def stock(fast, settings):
@@ -108,7 +114,7 @@ def test_batch_holds_what_stable_baselines3_samples(steps):
         info = {"TimeLimit.truncated": truncated and not terminated}
         buffer.add(observation, following, action, reward, terminated or truncated, [info])
         observation = following
-    batch = Batch(make_sac(env, settings(), seed=0).policy, 500)
+    batch = Batch(make_sac(env, settings(), seed=0).policy, 500, noise=(0.0, 0.0))
     np.random.seed(1)  # noqa: NPY002
     expected = buffer.sample(500)
     np.random.seed(1)  # noqa: NPY002
@@ -122,8 +128,23 @@ def test_batch_holds_what_stable_baselines3_samples(steps):
     np.testing.assert_allclose(batch.discounts, discounts[:, 0], rtol=1e-6)
 
 
+def test_critics_are_fitted_to_noisy_inputs_and_asked_about_clean_ones():
+    model = make_sac(Noise(), settings(learning_starts=300), seed=0)
+    model.learn(200)
+    plain, noisy = (Batch(model.policy, 5000, noise) for noise in ((0.0, 0.0), (0.1, 0.4)))
+    for batch in (plain, noisy):
+        np.random.seed(2)  # noqa: NPY002
+        batch.draw(model.replay_buffer, n_steps=3, gamma=0.9)
+    torch.testing.assert_close(noisy.states, plain.states, rtol=0, atol=0)
+    np.testing.assert_array_equal(noisy.returns, plain.returns)
+    added = noisy.taken - plain.taken
+    expected = torch.tensor([0.1] * 5 + [0.4] * 2)
+    torch.testing.assert_close(added.std(dim=0), expected, rtol=0.05, atol=0)
+    assert added.mean(dim=0).abs().max() < 0.02
+
+
 def test_saved_learner_goes_on_as_it_would_have(tmp_path):
-    model = make_sac(Noise(), settings(), seed=0)
+    model = make_sac(Noise(), settings(critic_noise=(0.1, 0.2)), seed=0)
     model.learn(90)
     model.save(tmp_path / "model")
     loaded = FastSAC.load(tmp_path / "model", env=Noise())
