@@ -34,7 +34,7 @@ class SACSettings:
     """Updates each time."""
     n_steps: int = 3
     """Steps of reward summed before bootstrapping."""
-    critic_noise: tuple[float, float] = (0.2, 0.3)
+    critic_noise: tuple[float, float] = (0.1, 0.3)
     """Standard deviation of the noise on observations and actions that the critics are fitted to;
     without it they learn the noise of single epochs by heart."""
     target_entropy: float = -1.0
