@@ -5,6 +5,7 @@ import logging
 import sys
 
 from rlihf_lib.regenerate import NotebookError, regenerate, select
+from rlihf_lib.rl.sweep import worker_count
 from rlihf_lib.status import print_status
 from rlihf_lib.study import EVENTS, PROFILES, Study
 
@@ -36,7 +37,11 @@ def parser():
         "--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05"
     )
     result.add_argument(
-        "--workers", type=_count, default=0, metavar="N", help="processes (default: the cores)"
+        "--workers",
+        type=worker_count,
+        default=0,
+        metavar="N",
+        help="processes (default: the cores)",
     )
     result.add_argument(
         "--out", default="", metavar="DIR", help="where results/ and figures/ go (default: here)"
@@ -80,13 +85,6 @@ def main(argv=None):
         print("\ninterrupted; the same command goes on from here", file=sys.stderr)
         return 130
     return 0
-
-
-def _count(text):
-    value = int(text) if text.isdigit() else -1
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
-    return value
 
 
 if __name__ == "__main__":

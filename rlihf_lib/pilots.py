@@ -17,7 +17,7 @@ from rlihf_lib.report.figures_policy import learning_curve
 from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note, save_figure, use_style
 from rlihf_lib.rl.config import RunConfig
 from rlihf_lib.rl.observer import perfect_table
-from rlihf_lib.rl.sweep import is_done, run_sweep
+from rlihf_lib.rl.sweep import is_done, run_sweep, worker_count
 from rlihf_lib.study import Study, p_error_sha256
 
 SEEDS = (100, 101, 102)
@@ -118,7 +118,9 @@ def learning_curves(runs, w_hf, caption):
 def main(argv=None):
     """Train the pilots that are missing, then write table and figure; return the exit status."""
     command = argparse.ArgumentParser(prog="python -m rlihf_lib pilots", description=__doc__)
-    command.add_argument("--workers", type=int, default=0, help="processes (default: the cores)")
+    command.add_argument(
+        "--workers", type=worker_count, default=0, help="processes (default: the cores)"
+    )
     options = command.parse_args(argv)
     study = Study("quick")
     study.results = study.out / "results" / "pilots"

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+import pytest
 
 from rlihf_lib import pilots
 from rlihf_lib.study import PROFILES, Study
@@ -53,3 +54,9 @@ def test_learning_curves_show_the_runs_there_are():
             "RL dense (n = 3)", "RLIHF, ideal decoder (n = 3)",
         ]  # fmt: skip
     plt.close(fig)
+
+
+def test_a_wrong_number_of_workers_is_refused_before_anything_runs(capsys):
+    with pytest.raises(SystemExit):
+        pilots.main(["--workers", "-1"])
+    assert "'-1' is not a number of processes" in capsys.readouterr().err
