@@ -4,8 +4,7 @@ import argparse
 import logging
 import sys
 
-from rlihf_lib.regenerate import NotebookError, regenerate, select
-from rlihf_lib.rl.sweep import worker_count
+from rlihf_lib.regenerate import NotebookError, regenerate, select, worker_count
 from rlihf_lib.status import print_status
 from rlihf_lib.study import EVENTS, PROFILES, Study
 

@@ -12,12 +12,13 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 from rlihf_lib.files import write_csv
+from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
 from rlihf_lib.report.figures_policy import learning_curve
 from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note, save_figure, use_style
 from rlihf_lib.rl.config import RunConfig
 from rlihf_lib.rl.observer import perfect_table
-from rlihf_lib.rl.sweep import is_done, run_sweep, worker_count
+from rlihf_lib.rl.sweep import is_done, run_sweep
 from rlihf_lib.study import Study, p_error_sha256
 
 SEEDS = (100, 101, 102)

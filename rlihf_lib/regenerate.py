@@ -1,5 +1,6 @@
 """Execute the notebooks in order through papermill."""
 
+import argparse
 import sys
 import threading
 from dataclasses import dataclass, field
@@ -38,6 +39,13 @@ READ_EPOCHS = ("01_dataset_preprocessing", "02_loso_decoder", "03_policy_trainin
 
 class NotebookError(RuntimeError):
     """An error inside a notebook, told in the words a reader needs."""
+
+
+def worker_count(text):
+    """Return the number of processes an option of the command line asks for; 0 means the cores."""
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
+    return int(text)
 
 
 def select(only):

@@ -5,7 +5,6 @@ so skipping finished runs is also how an interrupted sweep goes on, and how ship
 used.
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -166,13 +165,6 @@ def n_cores():
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def worker_count(text):
-    """Return the number of processes an option of the command line asks for; 0 means the cores."""
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
-    return int(text)
 
 
 def _train_on_worker(config, p_error, train):
