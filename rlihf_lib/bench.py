@@ -154,11 +154,11 @@ def feedback_cost(repeats, steps=150):
     return statistics.median(_rate(dense, actions) / _rate(rlihf, actions) for _ in range(repeats))
 
 
-def sweep_scaling(repeats, steps=20_000):
+def sweep_scaling(repeats, steps=30_000):
     """Ratio of the sweep's throughput with two workers to that with one, start-up included.
 
-    Runs of 20,000 steps, so that the seconds that workers take to start don't decide: they are a
-    hundredth of a run of 150,000.
+    Runs of 30,000 steps, so that the ten seconds that workers take to start don't decide: they are
+    a hundredth of a run of 150,000.
     """
     configs = [
         RunConfig(condition="dense", seed=seed, total_steps=steps, eval_every=steps, horizon=100,
