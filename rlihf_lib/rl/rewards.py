@@ -113,6 +113,7 @@ class TrainingReward(gym.Wrapper):
         super().__init__(env)
         self.condition, self.discount = condition, discount
         self.w_hf, self.observer = w_hf, observer
+        self._discounts = discount ** np.arange(AFTERWARDS)
 
     def step(self, action):
         """Advance one step; the reward is r_task plus that of the condition."""
@@ -124,5 +125,5 @@ class TrainingReward(gym.Wrapper):
         elif self.condition == "rlihf":
             steps = AFTERWARDS if moment.success or moment.lost else 1
             feedback = errp_reward(self.observer.watch(moment, steps))
-            reward += self.w_hf * float(self.discount ** np.arange(steps) @ feedback)
+            reward += self.w_hf * float(self._discounts[:steps] @ feedback)
         return observation, reward, terminated, truncated, info
