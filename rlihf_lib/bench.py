@@ -148,7 +148,7 @@ def feedback_cost(repeats, steps=150):
     """Ratio of the time a step takes with human feedback to that with dense reward, no update."""
     discount, rng = SACSettings().discount, np.random.default_rng(0)
     observer = Observer(perfect_table(), rng)
-    task = PickPlaceEnv()  # one for both: two differ by some per cent, as their memory lies
+    task = PickPlaceEnv()
     dense = TrainingReward(task, "dense", discount)
     rlihf = TrainingReward(task, "rlihf", discount, 0.7, observer)
     actions = rng.uniform(-1, 1, (steps, 4))

@@ -77,8 +77,7 @@ class Observer:
         """
         wrong = int(self._rng.random() < looks_wrong(moment))
         self.errors_seen += wrong
-        candidates = self._rows[wrong]
-        rows = candidates[self._rng.integers(len(candidates), size=n)]
+        rows = self._rng.choice(self._rows[wrong], n)
         if self._decode is None:
             return self._p[rows]
         return np.array([self._decode(epoch) for epoch in self._epochs[rows]])

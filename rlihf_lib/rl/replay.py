@@ -52,7 +52,6 @@ def load_policy(folder, env):
         if not (folder / name).is_file():
             raise FileNotFoundError(f"{folder / name} is missing; train the run with notebook 03")
     settings = json.loads((folder / "config.json").read_text())["sac"]
-    settings["hidden"] = tuple(settings["hidden"])
     model = make_sac(env, SACSettings(**settings), seed=0)
     model.policy.actor.load_state_dict(load_file(folder / "actor.safetensors"))
     return lambda observation: model.predict(observation, deterministic=True)[0]

@@ -66,10 +66,6 @@ class Moment:
     lost: bool
     """Whether the can has left the table or lies on its side."""
 
-    def __deepcopy__(self, memo):
-        """Return itself: SB3 copies what each step tells, and nobody changes a moment."""
-        return self
-
 
 class PickPlaceEnv(gym.Env):
     """Obstacle-avoiding pick-and-place with the Kinova Gen2.
