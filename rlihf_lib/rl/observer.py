@@ -77,7 +77,8 @@ class Observer:
         """
         wrong = int(self._rng.random() < looks_wrong(moment))
         self.errors_seen += wrong
-        rows = self._rng.choice(self._rows[wrong], n)
+        rows = self._rows[wrong]
+        rows = rows[self._rng.integers(len(rows), size=n)]
         if self._decode is None:
             return self._p[rows]
         return np.array([self._decode(epoch) for epoch in self._epochs[rows]])

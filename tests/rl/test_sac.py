@@ -1,6 +1,7 @@
 """The written-out update against Stable-Baselines3's own, which uses autograd."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from gymnasium import Env, spaces
 from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import NStepReplayBuffer
 from stable_baselines3.sac import policies
+from stable_baselines3.sac.policies import SACPolicy
 
-from rlihf_lib.rl import backpropagation
+from rlihf_lib.rl import backpropagation, networks
 from rlihf_lib.rl.batch import Batch
 from rlihf_lib.rl.config import SACSettings
 from rlihf_lib.rl.networks import StackedPolicy
@@ -90,6 +92,23 @@ def test_update_equals_that_of_stable_baselines3(n_steps, rate, epsilon, monkeyp
             part.param_groups[0]["eps"] = epsilon
         update(model, 5)
     assert_same(fast, reference, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("deterministic", [False, True])
+def test_actions_equal_those_of_stable_baselines3(deterministic, monkeypatch):
+    """Weights large enough that log_std falls below, between and above its limits."""
+    for module in (networks, policies):
+        monkeypatch.setattr(module, "LOG_STD_MIN", -1.0)
+        monkeypatch.setattr(module, "LOG_STD_MAX", 1.0)
+    policy = make_sac(Noise(), settings(), seed=0).policy
+    torch.nn.init.normal_(policy.actor.log_std.weight)
+    observations = 3 * torch.randn(500, 5)
+    actions = []
+    for predict in (policy._predict, partial(SACPolicy._predict, policy)):
+        torch.manual_seed(4)
+        with torch.no_grad():
+            actions.append(predict(observations, deterministic))
+    assert torch.equal(*actions)
 
 
 def test_batch_size_may_change():
