@@ -113,15 +113,17 @@ def run_sweep(
         }
         for future in as_completed(futures):
             config = futures[future]
-            if future.status == "finished":
+            try:
+                # Waits for a run that is trained again, its files having died with their worker.
                 files, seconds = future.result()
-                write_run(config, runs_dir, files)
-                status.finished(config.run_id)
-                progress(f"{config.run_id} took {duration(seconds)} ({status})")
+            except Exception as error:
+                failures.append((config, error))
+                outcome = "failed"
             else:
-                failures.append((config, future.exception()))
-                status.finished(config.run_id)
-                progress(f"{config.run_id} failed ({status})")
+                write_run(config, runs_dir, files)
+                outcome = f"took {duration(seconds)}"
+            status.finished(config.run_id)
+            progress(f"{config.run_id} {outcome} ({status})")
             future.release()
     if failures:
         config, error = failures[0]

@@ -119,6 +119,22 @@ def test_a_worker_that_dies_costs_only_its_run_which_is_retried(fake):
     assert trained(folder).count("dense-seed0") == 1
 
 
+def test_results_that_die_with_a_worker_before_they_are_fetched_are_made_again(fake):
+    train, folder = fake
+    for name in ("die-once", "slow"):
+        (folder / name).touch()
+
+    def busy(line):
+        """Fetch nothing until the worker that holds the results is dead, and known to be."""
+        deadline = time.monotonic() + 30
+        while len(trained(folder)) < 5 and time.monotonic() < deadline:
+            time.sleep(0.05)
+
+    run_sweep(configs(4), folder / "runs", train=train, workers=1, progress=busy)
+    assert trained(folder).count("dense-seed1") == 2, "no result was lost: nothing was tested"
+    assert all(is_done(config, folder / "runs") for config in configs(4))
+
+
 def test_a_failing_run_is_named_and_the_others_are_kept(fake):
     train, folder = fake
     (folder / "fail").touch()
