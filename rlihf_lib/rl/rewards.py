@@ -14,6 +14,7 @@ import numpy as np
 PLACED = 1.0
 COLLISION = -2.0  # at -0.5, pilots placed the can sooner by going through the obstacles
 PROGRESS = 25.0  # per metre of remaining path
+EVALUATED_COLLISION = -0.5  # per step, of an evaluation whose other terms lie between 0 and 1
 AFTERWARDS = 100  # steps after which, discounted, feedback no longer matters
 
 
@@ -91,7 +92,7 @@ def evaluation_reward(moment, path):
         return PLACED
     completed = np.clip(1 - moment.remaining / path.start_remaining, 0, 1)
     aligned = 0.25 * completed * np.exp(-moment.deviation / 0.1)
-    return float(aligned - 0.5 * moment.collided)
+    return float(aligned + EVALUATED_COLLISION * moment.collided)
 
 
 class TrainingReward(gym.Wrapper):
