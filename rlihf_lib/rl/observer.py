@@ -78,7 +78,8 @@ class Observer:
         wrong = int(self._rng.random() < looks_wrong(moment))
         self.errors_seen += wrong
         rows = self._rows[wrong]
-        rows = rows[self._rng.integers(len(rows), size=n)]
+        # One at a time: nearly always n is 1, and an array costs thrice as much.
+        rows = rows[[self._rng.integers(len(rows)) for _ in range(n)]]
         if self._decode is None:
             return self._p[rows]
         return np.array([self._decode(epoch) for epoch in self._epochs[rows]])
