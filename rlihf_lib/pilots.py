@@ -11,10 +11,11 @@ import argparse
 import matplotlib.pyplot as plt
 import pandas as pd
 
+from rlihf_lib.eeg.scores import auroc
 from rlihf_lib.files import write_csv
 from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
-from rlihf_lib.report.figures_policy import learning_curve
+from rlihf_lib.report.figures_policy import DASHES, learning_curve, mark_phases
 from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note, save_figure, use_style
 from rlihf_lib.rl.config import RunConfig
 from rlihf_lib.rl.observer import perfect_table
@@ -76,7 +77,7 @@ def summary(runs):
     return late.groupby(keys)[list(COLUMNS)].mean().round(3).reset_index()
 
 
-def learning_curves(runs, w_hf, caption):
+def learning_curves(runs, w_hf, p_error, caption):
     """Draw success rate and completed share of the path: a line per condition or subject.
 
     Parameters
@@ -85,6 +86,8 @@ def learning_curves(runs, w_hf, caption):
         From `report.evaluations.read_runs`.
     w_hf : float
         Weight of human feedback shown.
+    p_error : DataFrame
+        From `tables`; the AUROC of a subject's decoder is told and gives the shade.
     caption : str
 
     Returns
@@ -92,24 +95,32 @@ def learning_curves(runs, w_hf, caption):
     matplotlib Figure
     """
     runs = runs[(runs["condition"] != "rlihf") | (runs["w_hf"] == w_hf)]
-    subjects = sorted(set(runs["subject"]) - {"", IDEAL})
-    shades = plt.get_cmap("YlOrRd")
-    lines = {
-        ("dense", ""): (COLORS["dense"], "RL dense"),
-        ("sparse", ""): (COLORS["sparse"], "RL sparse"),
+    strength = {
+        subject: auroc(rows["p_error"], rows["label"])
+        for subject, rows in p_error.groupby("subject")
+        if subject in set(runs["subject"]) - {IDEAL}
     }
-    lines["rlihf", IDEAL] = (COLORS["ideal"], "RLIHF, ideal decoder")
-    for i, subject in enumerate(subjects):
-        lines["rlihf", subject] = (shades(0.4 + 0.5 * i / len(subjects)), f"RLIHF, {subject}")
+    lines = {
+        ("dense", ""): {"color": COLORS["dense"], "label": "RL dense"},
+        ("rlihf", IDEAL): {"color": COLORS["ideal"], "label": "RLIHF, ideal decoder"},
+    }
+    for i, subject in enumerate(sorted(strength, key=strength.get, reverse=True)):
+        lines["rlihf", subject] = {
+            "color": plt.get_cmap("YlOrRd")(0.9 - 0.5 * i / len(strength)),
+            "label": f"RLIHF, {subject}, AUROC {strength[subject]:.2f}",
+        }
+    lines["sparse", ""] = {"color": COLORS["sparse"], "label": "RL sparse"}
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), sharex=True)
     for ax, metric, label in zip(
         axes, ("success", "completed"), ("Success rate", "Share of the path completed"), strict=True
     ):
-        for (condition, subject), (color, name) in lines.items():
+        for (condition, subject), line in lines.items():
             chosen = runs[(runs["condition"] == condition) & (runs["subject"] == subject)]
             if len(chosen):
-                n = chosen["run"].nunique()
-                learning_curve(chosen, ax, metric, color=color, label=f"{name} (n = {n})")
+                name = f"{line['label']} (n = {chosen['run'].nunique()})"
+                style = {**line, "label": name, "linestyle": DASHES[condition]}
+                learning_curve(chosen, ax, metric, **style)
+        mark_phases(ax, STEPS)
         ax.set(xlabel="Steps (thousands)", ylabel=label, ylim=(-0.03, 1.03))
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
     note(fig, caption)
@@ -136,7 +147,10 @@ def main(argv=None):
     runs = read_runs(done, study.runs)
     write_csv(study.results / "summary.csv", summary(runs))
     use_style()
-    caption = f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · {study.eeg_label} · {len(done)} runs"
-    fig = learning_curves(runs, study.profile.w_hf, caption)
+    caption = (
+        f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · {study.eeg_label} · w = {study.profile.w_hf} · "
+        "mean and 95 % bootstrap interval over runs"
+    )
+    fig = learning_curves(runs, study.profile.w_hf, p_error, caption)
     save_figure(fig, study, "learning_curves", "pilots", [config.run_id for config in done])
     return 0

@@ -6,6 +6,8 @@ import pandas as pd
 import pytest
 
 from rlihf_lib import pilots
+from rlihf_lib.report.evaluations import read_runs
+from rlihf_lib.rl.sweep import is_done
 from rlihf_lib.study import PROFILES, Study
 
 STUDY = Study("quick")
@@ -45,10 +47,19 @@ def test_summary_averages_the_last_third_of_training():
     np.testing.assert_allclose(table["success"], late.mean(), atol=1e-3)
 
 
+def test_shipped_summary_is_that_of_the_shipped_runs():
+    folder = STUDY.out / "results" / "pilots"
+    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
+    done = [config for config in configs if is_done(config, folder / "runs")]
+    shipped = pd.read_csv(folder / "summary.csv", keep_default_na=False)
+    expected = pilots.summary(read_runs(done, folder / "runs"))
+    pd.testing.assert_frame_equal(shipped, expected, check_dtype=False)
+
+
 def test_learning_curves_show_the_runs_there_are():
     configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
     done = [c for c in configs if c.condition == "dense" or c.subject == pilots.IDEAL]
-    fig = pilots.learning_curves(evaluations(done), 0.7, "pilots")
+    fig = pilots.learning_curves(evaluations(done), 0.7, pilots.tables(STUDY), "pilots")
     for ax in fig.axes:
         assert [line.get_label() for line in ax.lines] == [
             "RL dense (n = 3)", "RLIHF, ideal decoder (n = 3)",
