@@ -61,7 +61,7 @@ def test_learning_curves_show_the_runs_there_are():
     done = [c for c in configs if c.condition == "dense" or c.subject == pilots.IDEAL]
     fig = pilots.learning_curves(evaluations(done), 0.7, pilots.tables(STUDY), "pilots")
     for ax in fig.axes:
-        assert [line.get_label() for line in ax.lines] == [
+        assert ax.get_legend_handles_labels()[1] == [
             "RL dense (n = 3)", "RLIHF, ideal decoder (n = 3)",
         ]  # fmt: skip
     plt.close(fig)
