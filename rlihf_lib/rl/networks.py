@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import torch
 import torch.nn.functional as F
-from stable_baselines3.sac.policies import LOG_STD_MAX, LOG_STD_MIN, SACPolicy
+from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
 
 
@@ -47,14 +47,12 @@ class StackedCritic(nn.Module):
 
 
 class StackedPolicy(SACPolicy):
-    """SB3's policy with a `StackedCritic`, for observations that are vectors."""
+    """SB3's policy with a `StackedCritic`."""
 
     def _predict(self, observation, deterministic=False):
         """Draw SB3's actions without the distribution that it builds and validates every step."""
-        latent = self.actor.latent_pi(observation)
-        action = self.actor.mu(latent)
+        action, log_std, _ = self.actor.get_action_dist_params(observation)
         if not deterministic:
-            log_std = self.actor.log_std(latent).clamp(LOG_STD_MIN, LOG_STD_MAX)
             action = action + torch.randn_like(action) * log_std.exp()
         return torch.tanh(action)
 
