@@ -11,12 +11,13 @@ def _n_step_batch(
     dones, timeouts, rows, returns, discounts,
 ):  # fmt: skip
     """Fill in what `Batch` holds; follows each transition until an episode or the buffer ends."""
-    batch, n_observations = len(starts), observations.shape[2]
-    for i in range(batch):
+    batch, n_observations, n_actions = len(starts), observations.shape[2], actions.shape[2]
+    for i in range(batch):  # loops, as Numba takes twice as long to copy slices this short
         at, env = starts[i], envs[i]
-        rows[i, :n_observations] = observations[at, env]
-        rows[2 * batch + i, :n_observations] = observations[at, env]
-        rows[2 * batch + i, n_observations:] = actions[at, env]
+        for j in range(n_observations):
+            rows[i, j] = rows[2 * batch + i, j] = observations[at, env, j]
+        for j in range(n_actions):
+            rows[2 * batch + i, n_observations + j] = actions[at, env, j]
         total, weight = 0.0, 1.0
         for step in range(n_steps):
             total += weight * rewards[at, env]
@@ -24,7 +25,8 @@ def _n_step_batch(
             if step == n_steps - 1 or dones[at, env] or timeouts[at, env] or at == newest:
                 break
             at = (at + 1) % len(observations)
-        rows[batch + i, :n_observations] = next_observations[at, env]
+        for j in range(n_observations):
+            rows[batch + i, j] = next_observations[at, env, j]
         returns[i] = total
         terminated = dones[at, env] and not timeouts[at, env]
         discounts[i] = 0.0 if terminated else weight

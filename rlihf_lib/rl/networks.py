@@ -47,7 +47,10 @@ class StackedCritic(nn.Module):
 
 
 class StackedPolicy(SACPolicy):
-    """SB3's policy with a `StackedCritic`."""
+    """SB3's policy with a `StackedCritic`, on the CPU."""
+
+    # SB3 looks for it among the parameters every step.
+    device = torch.device("cpu")
 
     def _predict(self, observation, deterministic=False):
         """Draw SB3's actions without the distribution that it builds and validates every step."""

@@ -43,7 +43,7 @@ OBSERVATION = (
 )
 
 
-@dataclass
+@dataclass(frozen=True)
 class Moment:
     """What an observer can see of one control step; lengths in metres."""
 
@@ -65,6 +65,10 @@ class Moment:
     """Whether the can stands on the goal, let go there and not dropped from above."""
     lost: bool
     """Whether the can has left the table or lies on its side."""
+
+    def __deepcopy__(self, memo):
+        """Stay as it is: SB3 copies every step's info, and nobody changes a moment."""
+        return self
 
 
 class PickPlaceEnv(gym.Env):

@@ -68,6 +68,17 @@ def test_later_resets_draw_new_placements_from_the_seed(env):
     np.testing.assert_array_equal(drawn, placements())
 
 
+def test_fast_reset_leaves_the_state_that_robosuites_own_reset_leaves(env):
+    workspace, parts = env.workspace, mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty((2, mujoco.mj_stateSize(env.model, parts)))
+    for reset, row in zip((workspace.reset, super(Workspace, workspace).reset), state, strict=True):
+        episode(env, 4)
+        workspace.reseed(7)
+        reset()
+        mujoco.mj_getState(env.model, env.data, row, parts)
+    np.testing.assert_array_equal(*state)
+
+
 def test_patience_truncates_a_robot_that_is_stuck_and_spares_one_that_gets_on():
     env = PickPlaceEnv(horizon=200, patience=10)
     env.reset(seed=1)
