@@ -20,7 +20,9 @@ SQUASH_EPSILON = 1e-6  # SB3's: keeps log(1 - tanh^2) finite
 
 
 class CriticBuffers:
-    """What passes through stacked critics leave behind; shared, as one pass follows the other.
+    """What a pass through a critic leaves behind.
+
+    All passes share them, one critic after the other: what is worked on stays in the cache.
 
     Parameters
     ----------
@@ -29,75 +31,79 @@ class CriticBuffers:
     """
 
     def __init__(self, critic, batch_size):
-        shapes = [(len(weight), batch_size, weight.shape[2]) for weight in critic.weights[:-1]]
+        shapes = [(batch_size, weight.shape[2]) for weight in critic.weights[:-1]]
         self.normalised, self.outputs, self.deltas = (
             [torch.empty(shape) for shape in shapes] for _ in range(3)
         )
-        self.scales = [np.empty(shape[:2], np.float32) for shape in shapes]
-        self.values, self.d_values = torch.empty(2, *shapes[0][:2], 1)
+        self.scales = [np.empty(batch_size, np.float32) for _ in shapes]
+        self.d_values = torch.empty(batch_size, 1)
 
 
 class CriticPass:
-    """Values of stacked critics and their derivatives.
+    """Values of one of several stacked critics and their derivatives.
 
     Parameters
     ----------
     critic : rlihf_lib.rl.networks.StackedCritic
+    index : int
+        Which of them.
     x : Tensor, shape (batch, n)
         Observations and actions; read anew by each pass.
     buffers : CriticBuffers
     """
 
-    def __init__(self, critic, x, buffers):
-        weights, biases = ([p.detach() for p in ps] for ps in (critic.weights, critic.biases))
-        inputs = [x.expand(len(weights[0]), *x.shape), *buffers.outputs]
+    def __init__(self, critic, index, x, buffers):
+        weights, biases = (
+            [p.detach()[index] for p in ps] for ps in (critic.weights, critic.biases)
+        )
+        inputs = [x, *buffers.outputs]
         deltas = [*buffers.deltas, buffers.d_values]
-        self._values, self._d_values = buffers.values.numpy(), buffers.d_values.numpy()
+        self._values, self._d_values = np.empty(len(x), np.float32), buffers.d_values.numpy()
         self._forward, self._backward, self._weight_gradients = [], [], []
         for i, (z, scale, y, delta) in enumerate(
             zip(buffers.normalised, buffers.scales, buffers.outputs, buffers.deltas, strict=True)
         ):
             self._forward += [
-                partial(torch.bmm, inputs[i], weights[i], out=z),
-                partial(norm_relu, z.numpy(), biases[i].numpy(), y.numpy(), scale),
+                partial(torch.mm, inputs[i], weights[i], out=z),
+                partial(norm_relu, z.numpy(), biases[i][0].numpy(), y.numpy(), scale),
             ]
             self._backward = [
-                partial(torch.bmm, weights[i + 1], deltas[i + 1].mT, out=delta.mT),
+                partial(torch.mm, weights[i + 1], deltas[i + 1].T, out=delta.T),
                 partial(norm_relu_backward, z.numpy(), scale, delta.numpy()),
                 *self._backward,
             ]
-        last = (inputs[-1], weights[-1], biases[-1], buffers.values)
-        self._forward.append(partial(read_out, *(tensor.numpy() for tensor in last)))
+        last = (inputs[-1], weights[-1], biases[-1][0])
+        self._forward.append(partial(read_out, *(tensor.numpy() for tensor in last), self._values))
         for weight, bias, y, delta in zip(
             critic.weights, critic.biases, inputs, deltas, strict=True
         ):
             self._weight_gradients += [
-                partial(torch.bmm, delta.mT, y, out=weight.grad.mT),
-                partial(torch.sum, delta, dim=1, keepdim=True, out=bias.grad),
+                partial(torch.mm, delta.T, y, out=weight.grad[index].T),
+                partial(torch.sum, delta, dim=0, out=bias.grad[index, 0]),
             ]
-        self._first = deltas[0], weights[0].mT
+        self._first = deltas[0], weights[0].T
 
     def forward(self):
-        """Return the values, an ndarray (n_critics, batch, 1) that the next pass overwrites."""
+        """Return the values, an ndarray (batch,) that the next call overwrites."""
         for operation in self._forward:
             operation()
         return self._values
 
     def backward(self, d_values):
         """Carry the loss's derivative by the values back through the layers."""
-        self._d_values[:] = d_values
+        self._d_values[:, 0] = d_values
         for operation in self._backward:
             operation()
 
     def weight_gradients(self):
-        """Leave the gradients that `backward` implies in the critics' parameters."""
+        """Leave the gradients that `backward` implies in the critic's parameters."""
         for operation in self._weight_gradients:
             operation()
 
     def input_gradients(self, start):
         """Return the gradient that `backward` implies for x[:, start:], an ndarray."""
         delta, weight = self._first
-        return torch.bmm(delta, weight[:, :, start:]).numpy().sum(axis=0)
+        return torch.mm(delta, weight[:, start:]).numpy()
 
 
 class ActorPass:

@@ -44,25 +44,44 @@ def _adam(values, gradient, mean, square, beta1, beta2, step_size, correction, e
         values[i] -= step_size * mean[i] / (np.sqrt(square[i]) * correction + epsilon)
 
 
-def adam_step(optimizer):
-    """Do what `optimizer.step()` does for one vector, at a fraction of the overhead.
+class FlatAdam(torch.optim.Adam):
+    """PyTorch's Adam for one vector, at a fraction of the overhead.
+
+    Its state is PyTorch's, so that it is saved and loaded with the learner.
 
     Parameters
     ----------
-    optimizer : torch.optim.Adam
-        Of a single one-dimensional parameter, without weight decay or variants. Keeps the state, so
-        that it is saved and loaded with the learner.
+    vector : torch.nn.Parameter
+        One-dimensional.
+    learning_rate : float
     """
-    group = optimizer.param_groups[0]
-    (vector,) = group["params"]
-    state = optimizer.state[vector]
-    if not state:
-        state["step"] = torch.tensor(0.0)
-        state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(vector), torch.zeros_like(vector)
-    state["step"] += 1
-    step, (beta1, beta2) = state["step"].item(), group["betas"]
-    constants = (
-        beta1, beta2, group["lr"] / (1 - beta1**step), 1 / math.sqrt(1 - beta2**step), group["eps"]
-    )  # fmt: skip
-    arrays = (vector.detach(), vector.grad, state["exp_avg"], state["exp_avg_sq"])
-    _adam(*(array.numpy() for array in arrays), *map(np.float32, constants))
+
+    def __init__(self, vector, learning_rate):
+        super().__init__([vector], lr=learning_rate)
+        zeros = (torch.zeros_like(vector, requires_grad=False) for _ in range(2))
+        names = ("step", "exp_avg", "exp_avg_sq")
+        self.state[vector] = dict(zip(names, (torch.tensor(0.0), *zeros), strict=True))
+        self._find_state()
+
+    def load_state_dict(self, state_dict):
+        """Go on from a state that `state_dict()` returned."""
+        super().load_state_dict(state_dict)
+        self._find_state()
+
+    def _find_state(self):
+        (self._vector,) = self.param_groups[0]["params"]
+        state = self.state[self._vector]
+        self._step = state["step"].numpy().reshape(1)
+        self._moments = state["exp_avg"].numpy(), state["exp_avg_sq"].numpy()
+
+    def update(self):
+        """Do what `step` does, without the hooks that PyTorch puts around it."""
+        group = self.param_groups[0]
+        self._step += 1
+        step, (beta1, beta2) = float(self._step[0]), group["betas"]
+        constants = (
+            beta1, beta2, group["lr"] / (1 - beta1**step), 1 / math.sqrt(1 - beta2**step),
+            group["eps"],
+        )  # fmt: skip
+        values, gradient = self._vector.detach().numpy(), self._vector.grad.numpy()
+        _adam(values, gradient, *self._moments, *map(np.float32, constants))

@@ -13,51 +13,48 @@ LAYER_NORM_EPSILON = np.float32(1e-5)  # PyTorch's
 @compiled
 def norm_relu(z, bias, y, scale):
     """z <- layer_norm(z + bias), y <- relu(z), scale <- 1 / standard deviation."""
-    n_critics, batch, width = z.shape
-    for c in range(n_critics):
-        for i in range(batch):
-            total, squares = ZERO, ZERO
-            for j in range(width):
-                z[c, i, j] += bias[c, 0, j]
-                total += z[c, i, j]
-            mean = total / np.float32(width)
-            for j in range(width):
-                z[c, i, j] -= mean
-                squares += z[c, i, j] * z[c, i, j]
-            factor = ONE / np.sqrt(squares / np.float32(width) + LAYER_NORM_EPSILON)
-            for j in range(width):
-                z[c, i, j] *= factor
-                y[c, i, j] = max(z[c, i, j], ZERO)
-            scale[c, i] = factor
+    batch, width = z.shape
+    for i in range(batch):
+        total, squares = ZERO, ZERO
+        for j in range(width):
+            z[i, j] += bias[j]
+            total += z[i, j]
+        mean = total / np.float32(width)
+        for j in range(width):
+            z[i, j] -= mean
+            squares += z[i, j] * z[i, j]
+        factor = ONE / np.sqrt(squares / np.float32(width) + LAYER_NORM_EPSILON)
+        for j in range(width):
+            z[i, j] *= factor
+            y[i, j] = max(z[i, j], ZERO)
+        scale[i] = factor
 
 
 @compiled
 def norm_relu_backward(z, scale, delta):
     """delta <- gradient before `norm_relu`, from that after it; z is the normalised one."""
-    n_critics, batch, width = z.shape
-    for c in range(n_critics):
-        for i in range(batch):
-            total, product = ZERO, ZERO
-            for j in range(width):
-                d = delta[c, i, j] if z[c, i, j] > ZERO else ZERO
-                delta[c, i, j] = d
-                total += d
-                product += d * z[c, i, j]
-            mean, slope = total / np.float32(width), product / np.float32(width)
-            for j in range(width):
-                delta[c, i, j] = scale[c, i] * (delta[c, i, j] - mean - slope * z[c, i, j])
+    batch, width = z.shape
+    for i in range(batch):
+        total, product = ZERO, ZERO
+        for j in range(width):
+            d = delta[i, j] if z[i, j] > ZERO else ZERO
+            delta[i, j] = d
+            total += d
+            product += d * z[i, j]
+        mean, slope = total / np.float32(width), product / np.float32(width)
+        for j in range(width):
+            delta[i, j] = scale[i] * (delta[i, j] - mean - slope * z[i, j])
 
 
 @compiled
 def read_out(y, weight, bias, values):
     """values <- y weight + bias; MKL takes five times as long for a single column."""
-    n_critics, batch, width = y.shape
-    for c in range(n_critics):
-        for i in range(batch):
-            total = bias[c, 0, 0]
-            for j in range(width):
-                total += y[c, i, j] * weight[c, j, 0]
-            values[c, i, 0] = total
+    batch, width = y.shape
+    for i in range(batch):
+        total = bias[0]
+        for j in range(width):
+            total += y[i, j] * weight[j, 0]
+        values[i] = total
 
 
 @compiled

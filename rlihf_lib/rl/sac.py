@@ -11,13 +11,14 @@ for networks this small.
 
 import math
 
+import numpy as np
 import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.logger import Logger
 
 from rlihf_lib.rl.backpropagation import ActorPass, CriticBuffers, CriticPass
 from rlihf_lib.rl.batch import Batch
-from rlihf_lib.rl.flat import adam_step, flatten
+from rlihf_lib.rl.flat import FlatAdam, flatten
 from rlihf_lib.rl.networks import StackedPolicy
 
 
@@ -39,9 +40,11 @@ class FastSAC(SAC):
     def _setup_model(self):
         super()._setup_model()
         self._flat_critic, self._flat_target = flatten(self.critic), flatten(self.critic_target)
-        for network, flat in ((self.critic, self._flat_critic), (self.actor, flatten(self.actor))):
-            network.optimizer = torch.optim.Adam([flat], lr=self.lr_schedule(1))
         self.log_ent_coef.grad = torch.zeros(1)
+        self.critic.optimizer, self.actor.optimizer, self.ent_coef_optimizer = (
+            FlatAdam(vector, self.lr_schedule(1))
+            for vector in (self._flat_critic, flatten(self.actor), self.log_ent_coef)
+        )
         self._batch = None
 
     def _excluded_save_params(self):
@@ -54,11 +57,15 @@ class FastSAC(SAC):
         if self._batch is None or self._batch.size != batch_size:
             batch = self._batch = Batch(self.policy, batch_size, self.critic_noise)
             buffers = CriticBuffers(self.critic, batch_size)
+
+            def passes(critic, x):
+                return [CriticPass(critic, i, x, buffers) for i in range(len(critic.weights[0]))]
+
             self._passes = (
                 ActorPass(self.actor, batch.states, batch_size),
-                CriticPass(self.critic_target, batch.later, buffers),
-                CriticPass(self.critic, batch.taken, buffers),
-                CriticPass(self.critic, batch.now, buffers),
+                passes(self.critic_target, batch.later),
+                passes(self.critic, batch.taken),
+                passes(self.critic, batch.now),
             )
         for _ in range(gradient_steps):
             self._update(self._batch, *self._passes)
@@ -71,20 +78,25 @@ class FastSAC(SAC):
 
         alpha = math.exp(self.log_ent_coef.item())
         self.log_ent_coef.grad.fill_(-float(log_prob.mean()) - self.target_entropy)
-        adam_step(self.ent_coef_optimizer)
+        self.ent_coef_optimizer.update()
 
-        soft = later.forward().min(axis=0)[:, 0] - alpha * next_log_prob
-        target = batch.returns + batch.discounts * soft
-        taken.backward((taken.forward() - target[:, None]) / batch.size)
-        taken.weight_gradients()
-        adam_step(self.critic.optimizer)
+        values = np.min([critic.forward() for critic in later], axis=0)
+        target = batch.returns + batch.discounts * (values - alpha * next_log_prob)
+        for critic in taken:
+            critic.backward((critic.forward() - target) / batch.size)
+            critic.weight_gradients()
+        self.critic.optimizer.update()
 
-        values = now.forward()
-        now.backward((values == values.min(axis=0)) / -batch.size)
-        actions = batch.policy_actions[: batch.size]
-        d_actions = now.input_gradients(start=batch.states.shape[1])
+        # The derivative of every critic; the smallest one's counts.
+        values, slopes = [], []
+        for critic in now:
+            values.append(critic.forward())
+            critic.backward(-1 / batch.size)
+            slopes.append(critic.input_gradients(start=batch.states.shape[1]))
+        smallest = (values == np.min(values, axis=0))[..., None]
+        actions, d_actions = batch.policy_actions[: batch.size], (smallest * slopes).sum(axis=0)
         policy.backward(actions, d_actions, d_log_prob=alpha / batch.size)
-        adam_step(self.actor.optimizer)
+        self.actor.optimizer.update()
 
         self._flat_target.lerp_(self._flat_critic, self.tau)
 

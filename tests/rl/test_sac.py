@@ -12,7 +12,7 @@ from stable_baselines3.common.buffers import NStepReplayBuffer
 from stable_baselines3.sac import policies
 from stable_baselines3.sac.policies import SACPolicy
 
-from rlihf_lib.rl import backpropagation
+from rlihf_lib.rl import backpropagation, networks
 from rlihf_lib.rl.batch import Batch
 from rlihf_lib.rl.config import SACSettings
 from rlihf_lib.rl.networks import StackedPolicy
@@ -97,8 +97,9 @@ def test_update_equals_that_of_stable_baselines3(n_steps, rate, epsilon, monkeyp
 @pytest.mark.parametrize("deterministic", [False, True])
 def test_actions_equal_those_of_stable_baselines3(deterministic, monkeypatch):
     """Weights large enough that log_std falls below, between and above its limits."""
-    monkeypatch.setattr(policies, "LOG_STD_MIN", -1.0)
-    monkeypatch.setattr(policies, "LOG_STD_MAX", 1.0)
+    for module in (networks, policies):
+        monkeypatch.setattr(module, "LOG_STD_MIN", -1.0)
+        monkeypatch.setattr(module, "LOG_STD_MAX", 1.0)
     policy = make_sac(Noise(), settings(), seed=0).policy
     torch.nn.init.normal_(policy.actor.log_std.weight)
     observations = 3 * torch.randn(500, 5)
