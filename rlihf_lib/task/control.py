@@ -106,6 +106,11 @@ class Controller:
     ----------
     workspace : Workspace
         Constructed with `fast=True`.
+
+    Attributes
+    ----------
+    hand : ndarray, shape (3,)
+        Position of the grip site, metres: a view of the simulation's memory, which moves on.
     """
 
     def __init__(self, workspace):
@@ -119,8 +124,13 @@ class Controller:
         finger_range = self.model.actuator_ctrlrange[ARM_DOFS:]
         self.finger_middle = finger_range.mean(axis=1)
         self.finger_half = np.ptp(finger_range, axis=1) / 2
-        self._jacobian = np.zeros((6, self.model.nv))
-        self._mass = np.zeros((self.model.nv, self.model.nv))
+        data, model = self.data, self.model
+        self.hand = data.site_xpos[self.site]
+        self._arrays = (
+            data.ctrl, data.qpos, data.qvel, data.qfrc_bias, data.qM,
+            self.hand, data.site_xmat[self.site].reshape(3, 3),
+            np.zeros((6, model.nv)), np.zeros((model.nv, model.nv)),
+        )  # fmt: skip
         self.reset()
 
     def reset(self):
@@ -129,11 +139,6 @@ class Controller:
         self.goal_ori = self.data.site_xmat[self.site].reshape(3, 3).copy()
         self.q_rest = self.data.qpos[:ARM_DOFS].copy()
         self.goal_pos = self.hand.copy()
-
-    @property
-    def hand(self):
-        """Position of the grip site, metres, shape (3,)."""
-        return self.data.site_xpos[self.site]
 
     def hand_velocity(self):
         """Velocity of the grip site, metres per second, shape (3,)."""
@@ -146,8 +151,8 @@ class Controller:
     def move_goal(self, action):
         """Shift the hand's goal by up to 3 cm along each axis, within reach and workspace."""
         hand = self.hand
-        ahead = np.clip(self.goal_pos + STEP_LENGTH * action[:3] - hand, -LEASH, LEASH)
-        self.goal_pos = np.clip(hand + ahead, WORKSPACE_LOW, WORKSPACE_HIGH)
+        ahead = (self.goal_pos + STEP_LENGTH * action[:3] - hand).clip(-LEASH, LEASH)
+        self.goal_pos = (hand + ahead).clip(WORKSPACE_LOW, WORKSPACE_HIGH)
 
     def advance(self, action):
         """Apply one action for one control step.
@@ -164,10 +169,7 @@ class Controller:
         data.ctrl[ARM_DOFS:] = self.finger_middle + self.finger_half * fingers
         _drive(
             self.model._address, data._address, self.physics_steps, self.site,
-            self.goal_pos, self.goal_ori, self.q_rest, self.low, self.high,
-            data.ctrl, data.qpos, data.qvel, data.qfrc_bias, data.qM,
-            data.site_xpos[self.site], data.site_xmat[self.site].reshape(3, 3),
-            self._jacobian, self._mass,
+            self.goal_pos, self.goal_ori, self.q_rest, self.low, self.high, *self._arrays,
         )  # fmt: skip
 
 

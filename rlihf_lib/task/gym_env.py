@@ -120,7 +120,7 @@ class PickPlaceEnv(gym.Env):
         hand = [n.endswith(("hand_collision", "distal_collision")) for n in names]
         self._hand_geoms = np.flatnonzero(hand)
         self._hand_and_can_geoms = np.append(self._hand_geoms, w.geom_ids["can"])
-        self._obstacle_bodies = [w.body_ids[name] for name in OBSTACLES]
+        self._obstacle_bodies = np.array([w.body_ids[name] for name in OBSTACLES])
 
     def reset(self, *, seed=None, options=None):
         """Start an episode; `seed` seeds this and, through it, all later placements."""
@@ -144,7 +144,7 @@ class PickPlaceEnv(gym.Env):
 
     def step(self, action):
         """Advance one control step (Gymnasium API)."""
-        action = np.clip(np.asarray(action, float), -1, 1)
+        action = np.asarray(action, float).clip(-1, 1)
         before = self.controller.hand.copy()
         self.controller.advance(action)
         self.steps += 1
@@ -219,16 +219,10 @@ class PickPlaceEnv(gym.Env):
 
     def _contacts(self):
         """Whether the robot touches the can, thumb and finger do, and an obstacle is touched."""
-        pairs = self.data.contact.geom
-        if len(pairs) == 0:
-            return False, False, False, False
-        a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
-        with_can = self._is_can[b]
-        thumb = bool((with_can & self._is_thumb[a]).any())
-        finger = bool((with_can & self._is_finger[a]).any())
-        touching = bool((with_can & self._is_robot[a]).any())
-        moving = self._is_robot[a] | (self._is_can[a] & touching)
-        return touching, thumb, finger, bool((moving & self._is_obstacle[b]).any())
+        return _touches(
+            self.data.contact.geom,
+            self._is_can, self._is_obstacle, self._is_thumb, self._is_finger, self._is_robot,
+        )  # fmt: skip
 
     def _clearance(self):
         """Distance between hand or held can and the nearest obstacle, metres."""
@@ -252,7 +246,7 @@ class PickPlaceEnv(gym.Env):
         hand, can = self.controller.hand, self.body("can")
         velocity = self.controller.hand_velocity()
         body = self.workspace.body_ids["can"]
-        up = self.data.xmat[body][[2, 5]]
+        up = self.data.xmat[body][2:6:3]
         can_velocity = self.data.cvel[body][3:]
         obstacles = self.data.xpos[self._obstacle_bodies] - hand
         reach, carry = can - hand, self.goal - can
@@ -266,8 +260,7 @@ class PickPlaceEnv(gym.Env):
                 up,
                 can_velocity / SPEED_SCALE,
                 carry / LENGTH_SCALE,
-                np.tanh(reach / CLOSE_RANGE),
-                np.tanh(carry / CLOSE_RANGE),
+                np.tanh(np.concatenate([reach, carry]) / CLOSE_RANGE),
                 obstacles.ravel() / LENGTH_SCALE,
                 [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted), setback],
             ]
@@ -281,6 +274,22 @@ class PickPlaceEnv(gym.Env):
 def _closure(angle):
     """Finger angle, rad, as 0 open to 1 closed."""
     return float(min(max((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0.0), 1.0))
+
+
+@numba.njit(cache=True)
+def _touches(pairs, is_can, is_obstacle, is_thumb, is_finger, is_robot):
+    """What `_contacts` returns, of pairs of geoms, int array (n, 2)."""
+    touching = thumb = finger = robot_hits = can_hits = False
+    for i in range(len(pairs)):
+        for a, b in ((pairs[i, 0], pairs[i, 1]), (pairs[i, 1], pairs[i, 0])):
+            if is_can[a]:
+                touching |= is_robot[b]
+                thumb |= is_thumb[b]
+                finger |= is_finger[b]
+            if is_obstacle[a]:
+                robot_hits |= is_robot[b]
+                can_hits |= is_can[b]
+    return touching, thumb, finger, robot_hits or (can_hits and touching)
 
 
 @numba.njit(cache=True)
