@@ -21,12 +21,16 @@ FAKE_TRAINING = '''
 import json, os, time
 from pathlib import Path
 
+from distributed import get_worker
+
 
 def train(config, folder, p_error, progress):
     """Write what a run writes; a pure function of the config and the p(error) rows."""
     control = Path(os.environ["FAKE_CONTROL"])
     with open(control / "log", "a") as log:
         log.write(config.run_id + "\\n")
+    if "profile" in get_worker().periodic_callbacks:
+        (control / "profiled").touch()
     progress(config.total_steps // 2)
     if (control / "slow").exists():
         time.sleep(0.7)
@@ -76,6 +80,12 @@ def contents(runs_dir):
         for path in sorted(runs_dir.rglob("*"))
         if path.is_file()
     }
+
+
+def test_dask_does_not_sample_the_workers(fake):
+    train, folder = fake
+    run_sweep(configs(1), folder / "study" / "runs", train=train, workers=1)
+    assert trained(folder) == ["dense-seed0"] and not (folder / "profiled").exists()
 
 
 def test_finished_runs_are_skipped_and_changed_or_recomputed_ones_are_not(fake):
