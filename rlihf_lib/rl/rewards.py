@@ -124,7 +124,7 @@ class TrainingReward(gym.Wrapper):
         if self.condition == "dense" and not moment.success:
             reward += alignment_reward(moment)
         elif self.condition == "rlihf":
-            steps = AFTERWARDS if moment.success or moment.lost else 1
-            feedback = errp_reward(self.observer.watch(moment, steps))
-            reward += self.w_hf * float(self._discounts[:steps] @ feedback)
+            over = moment.success or moment.lost
+            feedback = errp_reward(self.observer.watch(moment, AFTERWARDS if over else 1))
+            reward += self.w_hf * float(self._discounts @ feedback if over else feedback[0])
         return observation, reward, terminated, truncated, info
