@@ -211,6 +211,30 @@ def test_expert_earns_more_than_every_exploiter(condition):
     assert average > 1.5 * max(0, *(other for _, other in others.values())), (average, others)
 
 
+# One who goes the right way and stops there is efficient and near the path, but has no success.
+@pytest.mark.parametrize(
+    ("act", "efficiency", "deviation"),
+    [
+        (hover, 0.86, 0.0),
+        (oscillate, 0.02, 0.0),
+        (hold_in_the_air, 1.0, 0.0),
+        (push_along_the_table, 0.03, 0.14),
+        (sit_still, 0.0, 0.0),
+        (knock_things_off, 0.0, 0.18),
+    ],
+)
+def test_metrics_of_the_exploiters(act, efficiency, deviation):
+    env, metrics = PickPlaceEnv(HORIZON), []
+    for seed in range(3):
+        env.reset(seed=seed)
+        for step in range(HORIZON):
+            *_, info = env.step(act(env, step))
+        metrics.append(info["metrics"])
+    assert [m["success"] for m in metrics] == [0, 0, 0]
+    assert np.mean([m["path_efficiency"] for m in metrics]) == pytest.approx(efficiency, abs=0.05)
+    assert np.mean([m["path_deviation"] for m in metrics]) == pytest.approx(deviation, abs=0.03)
+
+
 def test_expert_looks_right_in_nine_of_ten_steps():
     env, wrong = PickPlaceEnv(HORIZON, RunConfig.patience), []
     for seed in range(25):
