@@ -11,7 +11,6 @@ import argparse
 import matplotlib.pyplot as plt
 import pandas as pd
 
-from rlihf_lib.eeg.scores import auroc
 from rlihf_lib.files import write_csv
 from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
@@ -77,7 +76,7 @@ def summary(runs):
     return late.groupby(keys)[list(COLUMNS)].mean().round(3).reset_index()
 
 
-def learning_curves(runs, w_hf, p_error, caption):
+def learning_curves(runs, w_hf, scores, caption):
     """Draw success rate and completed share of the path: a line per condition or subject.
 
     Parameters
@@ -86,8 +85,8 @@ def learning_curves(runs, w_hf, p_error, caption):
         From `report.evaluations.read_runs`.
     w_hf : float
         Weight of human feedback shown.
-    p_error : DataFrame
-        From `tables`; the AUROC of a subject's decoder is told and gives the shade.
+    scores : DataFrame
+        From `Study.scores`; the AUROC of a subject's decoder is told and gives the shade.
     caption : str
 
     Returns
@@ -95,19 +94,15 @@ def learning_curves(runs, w_hf, p_error, caption):
     matplotlib Figure
     """
     runs = runs[(runs["condition"] != "rlihf") | (runs["w_hf"] == w_hf)]
-    strength = {
-        subject: auroc(rows["p_error"], rows["label"])
-        for subject, rows in p_error.groupby("subject")
-        if subject in set(runs["subject"]) - {IDEAL}
-    }
+    decoded = scores[scores["subject"].isin(runs["subject"])].sort_values("auroc", ascending=False)
     lines = {
         ("dense", ""): {"color": COLORS["dense"], "label": "RL dense"},
         ("rlihf", IDEAL): {"color": COLORS["ideal"], "label": "RLIHF, ideal decoder"},
     }
-    for i, subject in enumerate(sorted(strength, key=strength.get, reverse=True)):
+    for i, (subject, auroc) in enumerate(zip(decoded["subject"], decoded["auroc"], strict=True)):
         lines["rlihf", subject] = {
-            "color": plt.get_cmap("YlOrRd")(0.9 - 0.5 * i / len(strength)),
-            "label": f"RLIHF, {subject}, AUROC {strength[subject]:.2f}",
+            "color": plt.get_cmap("YlOrRd")(0.9 - 0.5 * i / len(decoded)),
+            "label": f"RLIHF, {subject}, AUROC {auroc:.2f}",
         }
     lines["sparse", ""] = {"color": COLORS["sparse"], "label": "RL sparse"}
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), sharex=True)
@@ -151,6 +146,6 @@ def main(argv=None):
         f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · {study.eeg_label} · w = {study.profile.w_hf} · "
         "mean and 95 % bootstrap interval over runs"
     )
-    fig = learning_curves(runs, study.profile.w_hf, p_error, caption)
+    fig = learning_curves(runs, study.profile.w_hf, study.scores(), caption)
     save_figure(fig, study, "learning_curves", "pilots", [config.run_id for config in done])
     return 0

@@ -199,6 +199,23 @@ class Study:
             )
         return table
 
+    def scores(self):
+        """Read the scores of the decoders, a row per held-out subject.
+
+        Returns
+        -------
+        DataFrame
+            Columns subject, auroc, ...
+
+        Raises
+        ------
+        FileNotFoundError
+            If notebook 02 has not written it yet.
+        ValueError
+            If one of the two columns is missing.
+        """
+        return _read_table(self.decoder / "scores.csv", ("subject", "auroc"))
+
     def policy_subjects(self, ablation=False):
         """Choose the subjects for whom policies are trained, before any policy is seen.
 
@@ -216,7 +233,7 @@ class Study:
         list of str
             In the order of the table of scores.
         """
-        scores = _read_table(self.decoder / "scores.csv", ("subject", "auroc"))
+        scores = self.scores()
         profile = self.profile
         wanted = profile.n_ablation_subjects if ablation else profile.n_policy_subjects
         count = min(wanted or len(scores), len(scores))

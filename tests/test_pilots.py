@@ -59,7 +59,7 @@ def test_shipped_summary_is_that_of_the_shipped_runs():
 def test_learning_curves_show_the_runs_there_are():
     configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
     done = [c for c in configs if c.condition == "dense" or c.subject == pilots.IDEAL]
-    fig = pilots.learning_curves(evaluations(done), 0.7, pilots.tables(STUDY), "pilots")
+    fig = pilots.learning_curves(evaluations(done), 0.7, STUDY.scores(), "pilots")
     for ax in fig.axes:
         assert ax.get_legend_handles_labels()[1] == [
             "RL dense (n = 3)", "RLIHF, ideal decoder (n = 3)",
