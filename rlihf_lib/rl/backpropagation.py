@@ -53,9 +53,8 @@ class CriticPass:
     """
 
     def __init__(self, critic, index, x, buffers):
-        weights, biases = (
-            [p.detach()[index] for p in ps] for ps in (critic.weights, critic.biases)
-        )
+        weights = [weight.detach()[index] for weight in critic.weights]
+        biases = [bias.detach()[index, 0] for bias in critic.biases]
         inputs = [x, *buffers.outputs]
         deltas = [*buffers.deltas, buffers.d_values]
         self._values, self._d_values = np.empty(len(x), np.float32), buffers.d_values.numpy()
@@ -65,14 +64,14 @@ class CriticPass:
         ):
             self._forward += [
                 partial(torch.mm, inputs[i], weights[i], out=z),
-                partial(norm_relu, z.numpy(), biases[i][0].numpy(), y.numpy(), scale),
+                partial(norm_relu, z.numpy(), biases[i].numpy(), y.numpy(), scale),
             ]
             self._backward = [
                 partial(torch.mm, weights[i + 1], deltas[i + 1].T, out=delta.T),
                 partial(norm_relu_backward, z.numpy(), scale, delta.numpy()),
                 *self._backward,
             ]
-        last = (inputs[-1], weights[-1], biases[-1][0])
+        last = (inputs[-1], weights[-1], biases[-1])
         self._forward.append(partial(read_out, *(tensor.numpy() for tensor in last), self._values))
         for weight, bias, y, delta in zip(
             critic.weights, critic.biases, inputs, deltas, strict=True

@@ -58,9 +58,11 @@ class FlatAdam(torch.optim.Adam):
 
     def __init__(self, vector, learning_rate):
         super().__init__([vector], lr=learning_rate)
-        zeros = (torch.zeros_like(vector, requires_grad=False) for _ in range(2))
-        names = ("step", "exp_avg", "exp_avg_sq")
-        self.state[vector] = dict(zip(names, (torch.tensor(0.0), *zeros), strict=True))
+        self.state[vector] = {
+            "step": torch.tensor(0.0),
+            "exp_avg": torch.zeros_like(vector),
+            "exp_avg_sq": torch.zeros_like(vector),
+        }
         self._find_state()
 
     def load_state_dict(self, state_dict):
@@ -83,5 +85,6 @@ class FlatAdam(torch.optim.Adam):
             beta1, beta2, group["lr"] / (1 - beta1**step), 1 / math.sqrt(1 - beta2**step),
             group["eps"],
         )  # fmt: skip
+        # Not kept: SB3's `load` puts other memory behind the entropy coefficient.
         values, gradient = self._vector.detach().numpy(), self._vector.grad.numpy()
         _adam(values, gradient, *self._moments, *map(np.float32, constants))

@@ -190,7 +190,8 @@ class Workspace(ManipulationEnv):
 
     def _reset_internal(self):
         super()._reset_internal()
-        self._start = copy.copy(self.sim.data._data)
+        if self.fast:
+            self._start = copy.copy(self.sim.data._data)
         self._place()
 
     def _place(self):
