@@ -8,18 +8,21 @@ import math
 from dataclasses import dataclass
 
 import gymnasium as gym
-import numba
 import numpy as np
 
+from rlihf_lib.task.contacts import CLEARANCE_RANGE, Contacts
 from rlihf_lib.task.control import ARM_DOFS, Controller, StockController
-from rlihf_lib.task.mujoco_c import mj_geomDistance
 from rlihf_lib.task.path import IdealPath, path_efficiency
+from rlihf_lib.task.stages import Stages
 from rlihf_lib.task.workspace import CLOSED_ANGLE, OBSTACLES, OPEN_ANGLE, TABLE_HEIGHT, Workspace
 
 PLACED_WITHIN = 0.04  # metres between the can's and the goal's centre
 LIFTED = 0.05  # metres of lift that tell carrying from pushing
 LOWERED = 0.03  # metres over the goal from which letting go is placing, not dropping
-CLEARANCE_RANGE = 0.15  # metres beyond which clearance isn't measured
+LEANING = math.radians(18)  # up to which a can at the goal may still come to stand when let go
+FALLEN = math.radians(60)  # from which a can that nobody holds lies
+STANDING = math.radians(5)  # up to which a can that was let go stands
+AT_REST = (0.02, 0.3)  # speed (m/s) and spin (rad/s) up to which it is at rest
 CENTRE = np.array([0, 0, TABLE_HEIGHT + 0.1])  # of the space over the table
 LENGTH_SCALE, SPEED_SCALE = 0.2, 0.5  # observation units: 0.2 m and 0.5 m/s
 CLOSE_RANGE = 0.03  # metres; grasping and placing take place at a few centimetres
@@ -56,15 +59,22 @@ class Moment:
     deviation: float
     """Distance of the hand from the ideal path."""
     clearance: float
-    """Distance between hand or held can and the nearest obstacle, at most `CLEARANCE_RANGE`."""
+    """Distance between hand or held can and the nearest obstacle, at most 15 cm."""
     collided: bool
     """Whether hand, arm or held can touches an obstacle."""
     grasped: bool
     """Whether the can is held: by thumb and opposing finger, or lifted so and not dropped yet."""
     success: bool
-    """Whether the can stands on the goal, let go there and not dropped from above."""
+    """Whether the can stands on the goal at rest, let go there and not dropped from above."""
     lost: bool
     """Whether the can has left the table or lies on its side."""
+    dropped: bool
+    """Whether the hand lost the can in this step, other than on the goal."""
+    tilt: float
+    """Angle between the can's axis and the vertical, rad."""
+    nearer: float
+    """How much nearer than ever before hand or can has come to where it has to go next, as a lay
+    person sees it (`rlihf_lib.task.stages`)."""
 
     def __deepcopy__(self, memo):
         """Stay as it is: SB3 copies every step's info, and nobody changes a moment."""
@@ -104,23 +114,10 @@ class PickPlaceEnv(gym.Env):
         size = sum(entry[1] for entry in OBSERVATION)
         self.observation_space = gym.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (4,), np.float32)
-        self._label_geoms()
-
-    def _label_geoms(self):
-        """Mark each geom as can, obstacle, thumb, finger or other part of the robot."""
-        w, names = self.workspace, [self.model.geom(g).name for g in range(self.model.ngeom)]
-        self._is_can = np.isin(np.arange(self.model.ngeom), w.geom_ids["can"])
-        self._is_obstacle = np.zeros(self.model.ngeom, bool)
-        for name in OBSTACLES:
-            self._is_obstacle[w.geom_ids[name]] = True
-        self._is_thumb = np.array(["_thumb_" in n for n in names])
-        self._is_finger = np.array(["_index_" in n or "_pinky_" in n for n in names])
-        self._is_robot = np.array([n.startswith(("robot0", "gripper0")) for n in names])
-        self._obstacle_geoms = np.flatnonzero(self._is_obstacle)
-        hand = [n.endswith(("hand_collision", "distal_collision")) for n in names]
-        self._hand_geoms = np.flatnonzero(hand)
-        self._hand_and_can_geoms = np.append(self._hand_geoms, w.geom_ids["can"])
-        self._obstacle_bodies = np.array([w.body_ids[name] for name in OBSTACLES])
+        self.contacts = Contacts(self.workspace)
+        self._can_body = self.workspace.body_ids["can"]
+        self._can_dofs = self.model.joint(self.workspace.objects[0].joints[0]).dofadr[0]
+        self._obstacle_bodies = np.array([self.workspace.body_ids[name] for name in OBSTACLES])
 
     def reset(self, *, seed=None, options=None):
         """Start an episode; `seed` seeds this and, through it, all later placements."""
@@ -140,6 +137,7 @@ class PickPlaceEnv(gym.Env):
         self.path = IdealPath(self.controller.hand, can, self.goal)
         self.remaining = self.best = self.path.start_remaining
         self.grasped = self.lifted = self.lowered = False
+        self.stages = Stages()
         return self._observe(), {}
 
     def step(self, action):
@@ -160,29 +158,25 @@ class PickPlaceEnv(gym.Env):
     def _judge(self, before):
         """Measure what happened in the step that began with the hand at `before`."""
         hand, can = self.controller.hand.copy(), self.body("can")
-        touching_can, thumb, finger, collided = self._contacts()
+        touching_can, thumb, finger, collided = self.contacts.touching()
+        held_before = self.grasped
         # Contacts of a can that is carried flicker; only one that leaves the hand is dropped.
         aloft = can[2] > self.goal[2] + 0.005 and math.dist(hand, can) < IN_HAND
-        self.grasped = bool((thumb and finger) or (self.grasped and aloft))
-        upright = self.data.xmat[self.workspace.body_ids["can"]][8]
+        self.grasped = bool((thumb and finger) or (held_before and aloft))
+        tilt = math.acos(min(max(self.data.xmat[self._can_body][8], -1.0), 1.0))
         at_goal = math.dist(can[:2], self.goal[:2]) < PLACED_WITHIN
-        standing = abs(can[2] - self.goal[2]) < 0.01 and upright > 0.95
         self.lifted = self.lifted or bool(self.grasped and can[2] > self.goal[2] + LIFTED)
         if self.grasped and touching_can:  # else the can may be falling past the height asked for
             self.lowered = bool(at_goal and can[2] < self.goal[2] + LOWERED)
-        delivered = bool(self.lifted and self.lowered and at_goal and standing)
-        success = delivered and not touching_can
+        down = abs(can[2] - self.goal[2]) < 0.01 and tilt < LEANING
+        delivered = bool(self.lifted and self.lowered and at_goal and down)
+        success = delivered and not touching_can and tilt < STANDING and self._can_rests()
         off_table = np.abs(can[:2]).max() > 0.4 or can[2] < TABLE_HEIGHT
-        lost = bool(off_table or (upright < 0.5 and not self.grasped))
-        # Opening the hand at the goal is the end of the way, not a can let go half-way.
-        remaining = (
-            0.0
-            if success
-            else self.path.remaining(
-                hand, can, self.grasped or delivered, 1.0 if delivered else self.squeeze()
-            )
-        )
-        clearance = self._clearance()
+        lost = bool(off_table or (tilt > FALLEN and not self.grasped))
+        squeeze = self.squeeze()
+        remaining = self.path.remaining(hand, can, self.grasped, squeeze, delivered)
+        remaining = 0.0 if success else remaining
+        clearance = self.contacts.clearance(self.grasped)
         deviation = self.path.deviation(hand)
         moment = Moment(
             remaining=remaining,
@@ -194,6 +188,11 @@ class PickPlaceEnv(gym.Env):
             grasped=self.grasped,
             success=success,
             lost=lost,
+            dropped=held_before and not self.grasped and not delivered,
+            tilt=tilt,
+            nearer=self.stages.nearer(
+                hand, can, self.goal, LIFTED, self.grasped, delivered, squeeze
+            ),
         )
         self.remaining = remaining
         if remaining < self.best:
@@ -217,17 +216,10 @@ class PickPlaceEnv(gym.Env):
         """Centre of the can or of an obstacle, metres, shape (3,)."""
         return self.data.xpos[self.workspace.body_ids[name]].copy()
 
-    def _contacts(self):
-        """Whether the robot touches the can, thumb and finger do, and an obstacle is touched."""
-        return _touches(
-            self.data.contact.geom,
-            self._is_can, self._is_obstacle, self._is_thumb, self._is_finger, self._is_robot,
-        )  # fmt: skip
-
-    def _clearance(self):
-        """Distance between hand or held can and the nearest obstacle, metres."""
-        moving = self._hand_and_can_geoms if self.grasped else self._hand_geoms
-        return _closest(self.model._address, self.data._address, moving, self._obstacle_geoms)
+    def _can_rests(self):
+        velocity = self.data.qvel[self._can_dofs : self._can_dofs + 6]
+        speed, spin = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
+        return bool(speed < AT_REST[0] and spin < AT_REST[1])
 
     def metrics(self, success):
         """Metrics of the episode so far, by the names of `eval.csv`."""
@@ -245,9 +237,8 @@ class PickPlaceEnv(gym.Env):
     def _observe(self):
         hand, can = self.controller.hand, self.body("can")
         velocity = self.controller.hand_velocity()
-        body = self.workspace.body_ids["can"]
-        up = self.data.xmat[body][2:6:3]
-        can_velocity = self.data.cvel[body][3:]
+        up = self.data.xmat[self._can_body][2:6:3]
+        can_velocity = self.data.cvel[self._can_body][3:]
         obstacles = self.data.xpos[self._obstacle_bodies] - hand
         reach, carry = can - hand, self.goal - can
         setback = min((self.remaining - self.best) / 0.05, 2.0)
@@ -274,29 +265,3 @@ class PickPlaceEnv(gym.Env):
 def _closure(angle):
     """Finger angle, rad, as 0 open to 1 closed."""
     return float(min(max((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0.0), 1.0))
-
-
-@numba.njit(cache=True)
-def _touches(pairs, is_can, is_obstacle, is_thumb, is_finger, is_robot):
-    """What `_contacts` returns, of pairs of geoms, int array (n, 2)."""
-    touching = thumb = finger = robot_hits = can_hits = False
-    for i in range(len(pairs)):
-        for a, b in ((pairs[i, 0], pairs[i, 1]), (pairs[i, 1], pairs[i, 0])):
-            if is_can[a]:
-                touching |= is_robot[b]
-                thumb |= is_thumb[b]
-                finger |= is_finger[b]
-            if is_obstacle[a]:
-                robot_hits |= is_robot[b]
-                can_hits |= is_can[b]
-    return touching, thumb, finger, robot_hits or (can_hits and touching)
-
-
-@numba.njit(cache=True)
-def _closest(model, data, moving, obstacles):
-    """Distance between the nearest two geoms, metres, from 0 to `CLEARANCE_RANGE`."""
-    closest = CLEARANCE_RANGE
-    for a in moving:
-        for b in obstacles:
-            closest = min(closest, mj_geomDistance(model, data, a, b, closest, 0))
-    return max(closest, 0.0)

@@ -18,6 +18,7 @@ HOVER = 0.10  # metres over the can from which the hand comes down
 CARRY_DETOUR, REACH_DETOUR = 2.5, 1.5
 VIA = ((-0.26, -0.06), (-0.26, 0.06))  # where the path passes the bottle and the cereal box
 GRASP_WORTH = 0.10  # metres: closing the fingers round the can, half of it for the hold itself
+RELEASE_WORTH = 0.06  # metres: opening them round the can on the goal
 # Metres of way left to the can at which closing counts fully, and not at all. Hands closed 4 cm
 # over to 2.5 cm under the can's centre, or 2 cm beside it, lift it.
 NEAR, FAR = 0.04, 0.08
@@ -157,7 +158,7 @@ class IdealPath:
         """Length left of the way with the can, from `can` (3,), metres."""
         return self._carry.remaining(can)[0]
 
-    def remaining(self, hand, can, grasped, closure):
+    def remaining(self, hand, can, grasped, closure, delivered=False):
         """Remaining path D of a state, metres.
 
         Parameters
@@ -168,22 +169,27 @@ class IdealPath:
             Whether the fingers hold the can.
         closure : float
             How far the fingers are told to close, 0 open to 1 closed; round a can they squeeze.
+        delivered : bool
+            Whether the can stands on the goal: what is left is to let it go.
 
         Returns
         -------
         float
-            About `length` + 0.10 at the start, 0 with the can at the goal.
+            About `length` + 0.16 at the start, 0 with the can on the goal and the hand open.
         """
+        if delivered:
+            return RELEASE_WORTH * closure
         if grasped:
             # Fingers that touch the can without squeezing it let it slip when it is lifted.
-            return float(self.remaining_carry(can) + 0.5 * GRASP_WORTH * (1 - closure))
+            hold = 0.5 * GRASP_WORTH * (1 - closure)
+            return float(self.remaining_carry(can) + hold + RELEASE_WORTH)
         distance = self.remaining_reach(hand, can)
         # A hand closed too early has to open again: that is part of the way left.
         near = min(max((FAR - distance) / (FAR - NEAR), 0.0), 1.0)
         closing = GRASP_WORTH * (1 + 0.5 * closure * (1 - 2 * near))
         # Pushing the can away makes the way longer, pushing it along doesn't make it shorter.
         carry = max(self.carry_length, self.remaining_carry(can))
-        return float(distance + closing + carry)
+        return float(distance + closing + carry + RELEASE_WORTH)
 
     def deviation(self, hand):
         """Distance from `hand` (3,) to the nearest point of the ideal path, metres."""

@@ -273,9 +273,9 @@ def _made_fast(xml):
         if name.endswith(GRASPING) or name.startswith(("can", *OBSTACLES)):
             geom.set("solref", "0.012 2")
             geom.set("solimp", "0.9 0.95 0.005")
-        if name.endswith(GRASPING) or name.startswith(("can", "lemon")):
+        if name.endswith(GRASPING) or name.startswith("lemon"):
             # Rolling friction, which the models state and condim 4 leaves out: without it the lemon
-            # never comes to rest and the can tilts in the hand by 17 degrees.
+            # never comes to rest. The can stays at 4, or one that leans on its edge stays leaning.
             geom.set("condim", "6")
         visual = geom.get("contype") == "0" and geom.get("conaffinity") == "0"
         if geom.get("mesh") is None or visual:
