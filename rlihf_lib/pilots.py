@@ -16,13 +16,16 @@ from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
 from rlihf_lib.report.figures_policy import DASHES, learning_curve, mark_phases
 from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note, save_figure, use_style
-from rlihf_lib.rl.config import RunConfig
-from rlihf_lib.rl.observer import perfect_table
+from rlihf_lib.rl.config import RunConfig, SACSettings
+from rlihf_lib.rl.observer import p_error_sha256, perfect_table
 from rlihf_lib.rl.sweep import is_done, run_sweep
-from rlihf_lib.study import Study, p_error_sha256
+from rlihf_lib.study import Study
 
 SEEDS = (100, 101, 102)
 STEPS, EVAL_EVERY = 150_000, 10_000
+# The learner's horizon of 1 s and giving up after 2 s help feedback; "sparse, tuned" does without
+# the latter and looks 5 or 10 s ahead.
+SPARSE_DISCOUNTS = (0.98, 0.99)
 IDEAL = "ideal"
 COLUMNS = ("success", "completed", "path_efficiency", "path_deviation", "collisions")
 
@@ -47,24 +50,31 @@ def run_configs(study, p_error):
     list of RunConfig
     """
 
-    def config(seed, condition, subject="", w_hf=0.0):
-        digest = p_error_sha256(p_error, subject) if subject else ""
-        return RunConfig(
-            condition, seed, STEPS, EVAL_EVERY, "pilots", study.eeg_name if subject else "none",
-            subject, w_hf, digest,
-        )  # fmt: skip
+    def config(seed, condition, subject="", **changes):
+        if subject:
+            digest = p_error_sha256(p_error, subject)
+            feedback = {"subject": subject, "eeg": study.eeg_name, "p_error_sha256": digest}
+            changes = {"w_hf": study.profile.w_hf, **feedback, **changes}
+        return RunConfig(condition, seed, STEPS, EVAL_EVERY, **changes)
 
-    weights, decoded = study.profile.weights, study.policy_subjects()
-    w_hf = study.profile.w_hf
-    compared = [("dense",), *(("rlihf", subject, w_hf) for subject in (IDEAL, *decoded))]
+    weakest, *_, strongest = ranked = study.ranked_subjects()
+    median = ranked[(len(ranked) - 1) // 2]
     return [
-        *(config(seed, *condition) for seed in SEEDS for condition in compared),
+        *(config(seed, "dense") for seed in SEEDS),
+        *(config(seed, "rlihf", IDEAL) for seed in SEEDS),
         config(SEEDS[0], "sparse"),
         *(
-            config(SEEDS[0], "rlihf", subject, weight)
-            for weight in weights
-            if weight != w_hf
-            for subject in decoded
+            config(seed, "sparse", patience=RunConfig.horizon, sac=SACSettings(discount=discount))
+            for seed in SEEDS[:2]
+            for discount in SPARSE_DISCOUNTS
+        ),
+        *(config(seed, "rlihf", who) for seed in SEEDS[:2] for who in (strongest, median)),
+        config(SEEDS[0], "rlihf", IDEAL, observer="lay"),
+        config(SEEDS[0], "rlihf", weakest),
+        *(
+            config(seed, "rlihf", who, observer="lay")
+            for seed in SEEDS[:1]
+            for who in (strongest, median)
         ),
     ]
 

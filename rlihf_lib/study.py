@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.files import sha256
 from rlihf_lib.rl.config import RunConfig
+from rlihf_lib.rl.observer import p_error_sha256
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")
@@ -89,7 +89,7 @@ PROFILES = {
             n_ablation_subjects=None,
             seeds=(0, 1, 2, 3, 4),
             total_steps=150_000,
-            eval_every=5_000,
+            eval_every=10_000,
             decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
     )
@@ -233,15 +233,17 @@ class Study:
         list of str
             In the order of the table of scores.
         """
-        scores = self.scores()
-        profile = self.profile
+        ranked, profile = self.ranked_subjects(), self.profile
         wanted = profile.n_ablation_subjects if ablation else profile.n_policy_subjects
-        count = min(wanted or len(scores), len(scores))
-        ranked = scores.sort_values(["auroc", "subject"])["subject"].tolist()
+        count = min(wanted or len(ranked), len(ranked))
         middle = (len(ranked) - 1) / 2
         ranks = np.linspace(0, len(ranked) - 1, count) if count > 1 else np.array([middle])
         chosen = {ranked[int(rank)] for rank in ranks}
-        return [subject for subject in scores["subject"] if subject in chosen]
+        return [subject for subject in self.scores()["subject"] if subject in chosen]
+
+    def ranked_subjects(self):
+        """List the decoded subjects by the AUROC of their held-out epochs, weakest first."""
+        return self.scores().sort_values(["auroc", "subject"])["subject"].tolist()
 
     def run_configs(self, stage):
         """List the runs of a stage.
@@ -269,7 +271,6 @@ class Study:
         sizes = {
             "total_steps": profile.total_steps,
             "eval_every": profile.eval_every,
-            "profile": profile.name,
             "horizon": profile.horizon,
             "eval_rollouts": profile.eval_rollouts,
         }
@@ -290,23 +291,6 @@ class Study:
             for subject in self.policy_subjects(ablation=stage == "ablation")
             for seed in profile.seeds
         ]
-
-
-def p_error_sha256(table, subject):
-    """Hash the rows a run draws its feedback from: epoch, label and p_error of one subject.
-
-    Raises
-    ------
-    ValueError
-        If the table has no row of the subject.
-    """
-    rows = table.loc[table["subject"] == subject, ["epoch", "label", "p_error"]]
-    if rows.empty:
-        raise ValueError(
-            f"the p(error) table has no epochs of subject {subject!r}; "
-            f"it has {', '.join(sorted(table['subject'].unique()))}"
-        )
-    return sha256(rows.to_csv(index=False, lineterminator="\n"))
 
 
 def _read_table(path, columns):

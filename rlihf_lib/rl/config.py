@@ -1,14 +1,18 @@
 """What determines a run: its config, its readable id, its hash."""
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rlihf_lib.files import canonical_json, sha256
+from rlihf_lib.rl.functions import describe
+from rlihf_lib.rl.observer import OBSERVERS
+from rlihf_lib.rl.rewards import REWARDS
 
 CONDITIONS = ("sparse", "dense", "rlihf")
-# Raised by whoever changes task, observer, rewards or learner so that results change: runs of an
-# earlier protocol then count as missing.
-PROTOCOL = 5
+# Raised by whoever changes task, observer, rewards or learner, or a default below, so that results
+# change: runs of an earlier protocol then count as missing.
+PROTOCOL = 6
 
 
 @dataclass(frozen=True)
@@ -53,8 +57,6 @@ class RunConfig:
     """Environment steps of training (paper: 150,000)."""
     eval_every: int
     """Training steps between two evaluation points."""
-    profile: str = "quick"
-    """Name of the profile that chose the sizes."""
     eeg: str = "none"
     """Where p(error) comes from: "simulated", "hri", a folder's name; "none" without feedback."""
     subject: str = ""
@@ -69,16 +71,20 @@ class RunConfig:
     """Steps of training without progress after which an episode is truncated (paper: none)."""
     eval_rollouts: int = 5
     """Rollouts per evaluation point (paper: 5)."""
-    protocol: int = PROTOCOL
-    """Version of task, observer, rewards and learner."""
+    observer: str | Callable = "path"
+    """Who watches: a name of `observer.OBSERVERS`, or a function `moment -> P(wrong)`."""
+    reward: str | Callable = "path"
+    """What "dense" adds to the task reward: a name of `rewards.REWARDS`, or a function
+    `moment -> float`."""
     sac: SACSettings = field(default_factory=SACSettings)
     """Hyper-parameters of the learner."""
+    protocol: int = PROTOCOL
+    """Version of task, observers, rewards and learner."""
 
     def __post_init__(self):
-        if self.condition not in CONDITIONS:
-            raise ValueError(
-                f"condition is {self.condition!r}; choose one of {', '.join(CONDITIONS)}"
-            )
+        _choice("condition", self.condition, CONDITIONS)
+        _choice("observer", self.observer, OBSERVERS)
+        _choice("reward", self.reward, REWARDS)
         if (self.condition == "rlihf") != bool(self.subject):
             raise ValueError(
                 f"condition {self.condition!r} with subject {self.subject!r}: "
@@ -87,16 +93,62 @@ class RunConfig:
 
     @property
     def run_id(self):
-        """Readable name of the run's folder, such as `rlihf-w0.7-s05-seed3` or `dense-seed0`."""
+        """Readable name of the run's folder, such as `rlihf-w0.7-s05-seed3` or `dense-seed0`.
+
+        What differs from the default is named, too: `sparse-patience1000-discount0.98-seed0`,
+        `rlihf-w0.7-s05-lay-seed0`, `rlihf-w0.7-s05-my_observer.1f3a9c-seed0`.
+        """
+        parts = [self.condition]
         if self.condition == "rlihf":
-            return f"rlihf-w{self.w_hf:g}-{self.subject}-seed{self.seed}"
-        return f"{self.condition}-seed{self.seed}"
+            parts += [f"w{self.w_hf:g}", self.subject]
+        changed = _changed(self)
+        for name in ("observer", "reward"):
+            given = changed.get(name)
+            if isinstance(given, dict):
+                given = f"{given['name']}.{given['sha256'][:6]}"
+            parts += [given] if given else []
+        settings = {"patience": changed.get("patience"), **changed.get("sac", {})}
+        for name, value in settings.items():
+            if value is not None:
+                values = value if isinstance(value, tuple) else (value,)
+                parts.append(name + "x".join(f"{v:g}" for v in values))
+        return "-".join([*parts, f"seed{self.seed}"])
 
     def to_dict(self):
-        """Return the fields as plain JSON values."""
-        return dataclasses.asdict(self)
+        """Return the fields as plain JSON values; functions as their name and hash."""
+        return {
+            **dataclasses.asdict(self),
+            **{name: _plain(getattr(self, name)) for name in ("observer", "reward")},
+        }
 
     @property
     def hash(self):
-        """Hash of everything in the config: present and equal in a run folder means done."""
-        return sha256(canonical_json(self.to_dict()))
+        """Hash of the protocol and of everything that isn't left at its default.
+
+        Present and equal in a run folder means done. An option added later, left at its default,
+        leaves it alone.
+        """
+        return sha256(canonical_json({"protocol": self.protocol, **_changed(self)}))
+
+
+def _choice(field_name, value, known):
+    if not callable(value) and value not in known:
+        raise ValueError(f"{field_name} is {value!r}; choose one of {', '.join(known)}")
+
+
+def _plain(value):
+    return describe(value) if callable(value) else value
+
+
+def _changed(settings):
+    """Return the fields of a dataclass that differ from their defaults, as plain values."""
+    changed = {}
+    for entry in dataclasses.fields(settings):
+        value = getattr(settings, entry.name)
+        if entry.name == "sac":
+            value, default = _changed(value), {}
+        else:
+            default = entry.default
+        if value != default:
+            changed[entry.name] = _plain(value)
+    return changed

@@ -1,23 +1,43 @@
 """The simulated person: which moments look wrong, and what their EEG then says.
 
-The rule, in words: *The observer expects the robot to get on with it. The more ground a moment
-gains towards having done the task, beyond the best so far, the likelier it looks right; at half the
-robot's full speed it surely does. It looks wrong when the robot stands still, drifts, goes back or
-makes up for ground it has lost, and always when hand or can come uncomfortably close to something
-that is not to be touched.* The rule is the same for every subject and weight, depends only on what
-has been seen, and uses the same length of remaining path in every stage: reaching, closing,
+Two people can be asked, by name. Both are a function of what has been seen, the same for every
+subject and weight.
+
+"path", who answers unless another is asked for: *The robot is expected to get on with it, and to
+keep its distance. The more ground a moment gains towards having done the task, beyond the best so
+far, the likelier it looks right; at half the robot's full speed it surely does, as far as it goes
+with comfort: at 5 cm of clearance or more people are at ease, at 2 cm or less everything looks
+wrong.* The ground is measured along the ideal path, in every stage alike: reaching, closing,
 lifting, carrying, lowering, opening.
+
+"lay", who knows no ideal path and no remaining length: *The hand, or the can in it, should come
+nearer to where it has to go next than it has been; the can should stay upright and not be dropped;
+nothing should come too close.*
+
+P(wrong) = 1 - progress x comfort; they differ in what progress is.
 """
+
+import math
 
 import numpy as np
 import pandas as pd
 
-SURE_PROGRESS = 0.015  # metres of remaining path in one step of 0.1 s: half the full speed
-PREFERRED_CLEARANCE = 0.02  # metres between hand or can and an obstacle below which people worry
+from rlihf_lib.files import sha256
+
+SURE_PROGRESS = 0.015  # metres gained in one step of 0.1 s: half the full speed
+UNEASY_CLEARANCE = 0.02  # metres between hand or held can and an obstacle: too close
+AT_EASE_CLEARANCE = 0.05  # metres from which on nobody minds
+ASKEW = math.radians(30)  # tilt of the can that looks wrong to a lay person
 
 
-def looks_wrong(moment):
-    """Probability that the observer perceives an error in one control step.
+def comfort(clearance):
+    """How much at ease people are with a clearance, metres: 0 at 2 cm to 1 at 5 cm."""
+    share = (clearance - UNEASY_CLEARANCE) / (AT_EASE_CLEARANCE - UNEASY_CLEARANCE)
+    return min(max(share, 0.0), 1.0)
+
+
+def path_observer(moment):
+    """Probability that somebody who knows the ideal path perceives an error in a control step.
 
     Parameters
     ----------
@@ -27,13 +47,27 @@ def looks_wrong(moment):
     Returns
     -------
     float
-        In [0, 1]; falls linearly with the ground gained.
+        In [0, 1]; falls linearly with the ground gained, rises with closeness to obstacles.
     """
     if moment.success:
         return 0.0
-    if moment.lost or moment.collided or moment.clearance < PREFERRED_CLEARANCE:
+    if moment.lost or moment.collided:
         return 1.0
-    return 1.0 - min(max((moment.best - moment.remaining) / SURE_PROGRESS, 0.0), 1.0)
+    progress = min(max((moment.best - moment.remaining) / SURE_PROGRESS, 0.0), 1.0)
+    return 1.0 - progress * comfort(moment.clearance)
+
+
+def lay_observer(moment):
+    """Probability that a lay person perceives an error in a control step; see `path_observer`."""
+    if moment.success:
+        return 0.0
+    if moment.lost or moment.collided or moment.dropped or moment.tilt > ASKEW:
+        return 1.0
+    return 1.0 - min(moment.nearer / SURE_PROGRESS, 1.0) * comfort(moment.clearance)
+
+
+#: By name, as `RunConfig.observer` names them.
+OBSERVERS = {"path": path_observer, "lay": lay_observer}
 
 
 class Observer:
@@ -46,9 +80,16 @@ class Observer:
         in [0, 1].
     rng : numpy.random.Generator
         Draws what is perceived, and the epochs.
+    looks_wrong : callable
+        `moment -> P(wrong)`.
     decode : callable, optional
         `decode(epoch)` decodes the epoch of that number anew, as `rlihf_lib.live` does; by default
         p(error) is looked up in the table.
+
+    Attributes
+    ----------
+    errors_seen : int
+        Moments that looked wrong so far.
 
     Raises
     ------
@@ -56,7 +97,7 @@ class Observer:
         If one of the two classes has no epoch.
     """
 
-    def __init__(self, p_error, rng, decode=None):
+    def __init__(self, p_error, rng, looks_wrong=path_observer, decode=None):
         self._p, self._epochs = p_error["p_error"].to_numpy(), p_error["epoch"].to_numpy()
         self._rows = [np.flatnonzero(p_error["label"] == label) for label in (0, 1)]
         for label, name in enumerate(("correct", "error")):
@@ -64,7 +105,7 @@ class Observer:
                 raise ValueError(
                     f"the p(error) table has no epoch of class {name!r}; the observer needs both"
                 )
-        self._rng, self._decode = rng, decode
+        self._rng, self._looks_wrong, self._decode = rng, looks_wrong, decode
         self.errors_seen = 0
 
     def watch(self, moment, n=1):
@@ -75,7 +116,7 @@ class Observer:
         p_error : ndarray, shape (n,)
             Of epochs of the class that the moment evokes.
         """
-        wrong = int(self._rng.random() < looks_wrong(moment))
+        wrong = int(self._rng.random() < self._looks_wrong(moment))
         self.errors_seen += wrong
         rows = self._rows[wrong]
         # One at a time: nearly always n is 1, and an array costs thrice as much.
@@ -85,6 +126,81 @@ class Observer:
         return np.array([self._decode(epoch) for epoch in self._epochs[rows]])
 
 
+def rows_of(p_error, subject):
+    """Pick a subject's rows: all that a run may see of the p(error) table.
+
+    Raises
+    ------
+    ValueError
+        If there is no table, or it has no row of the subject.
+    """
+    known = [] if p_error is None else sorted(set(p_error["subject"]))
+    if subject not in known:
+        raise ValueError(
+            f"subject {subject!r} is not in the p(error) table (there: "
+            f"{', '.join(known) or 'none'}); decode it first with notebook 02"
+        )
+    return p_error[p_error["subject"] == subject].reset_index(drop=True)
+
+
+def p_error_sha256(p_error, subject):
+    """Hash the rows a run draws its feedback from: epoch, label and p_error of one subject.
+
+    Raises
+    ------
+    ValueError
+        If the table has no row of the subject.
+    """
+    rows = rows_of(p_error, subject)[["epoch", "label", "p_error"]]
+    return sha256(rows.to_csv(index=False, lineterminator="\n"))
+
+
+def check_feedback(configs, p_error):
+    """Check that the p(error) table holds the very rows that the configs name.
+
+    Parameters
+    ----------
+    configs : iterable of RunConfig
+    p_error : DataFrame or None
+
+    Raises
+    ------
+    ValueError
+        If a subject is missing or its rows have another hash.
+    """
+    named = {(config.subject, config.p_error_sha256) for config in configs if config.subject}
+    for subject, digest in sorted(named):
+        if p_error_sha256(p_error, subject) != digest:
+            raise ValueError(
+                f"the p(error) rows of {subject} are not those that the config names by hash; "
+                "make the configs from the table that is used (`Study.run_configs`), "
+                "or write the table anew with notebook 02"
+            )
+
+
 def perfect_table():
     """Return the p(error) table of an ideal decoder, p = label."""
     return pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.0, 1.0]})
+
+
+def control_tables(rows, seed=0):
+    """Make tables that say nothing out of a person's: what feedback is worth without its content.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        The person's rows of the p(error) table.
+    seed : int
+        Of the shuffling.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        "mean": every p(error) replaced by the person's mean; "shuffled": p(error) permuted over the
+        epochs, so that both classes answer alike.
+    """
+    shuffled = np.random.default_rng(seed).permutation(rows["p_error"].to_numpy())
+    return {
+        "mean": rows.assign(p_error=rows["p_error"].mean()),
+        "shuffled": rows.assign(p_error=shuffled),
+    }

@@ -57,6 +57,10 @@ def alignment_reward(moment):
     return PROGRESS * max(0.0, moment.best - moment.remaining)
 
 
+#: What "dense" may add to the task reward, by name, as `RunConfig.reward` names it.
+REWARDS = {"path": alignment_reward}
+
+
 def errp_reward(p_error):
     """Implicit human feedback, Eq. (4): r = 1 - p(error).
 
@@ -108,10 +112,15 @@ class TrainingReward(gym.Wrapper):
         Weight of human feedback.
     observer : Observer, optional
         Needed by "rlihf".
+    engineered : callable
+        `moment -> float`, what "dense" adds to the task reward.
     """
 
-    def __init__(self, env, condition, discount, w_hf=0.0, observer=None):
+    def __init__(
+        self, env, condition, discount, w_hf=0.0, observer=None, engineered=alignment_reward
+    ):
         super().__init__(env)
+        self.engineered = engineered
         self.condition, self.discount = condition, discount
         self.w_hf, self.observer = w_hf, observer
         self._discounts = discount ** np.arange(AFTERWARDS)
@@ -122,7 +131,7 @@ class TrainingReward(gym.Wrapper):
         moment = info["moment"]
         reward = task_reward(moment, self.discount)
         if self.condition == "dense" and not moment.success:
-            reward += alignment_reward(moment)
+            reward += self.engineered(moment)
         elif self.condition == "rlihf":
             over = moment.success or moment.lost
             feedback = errp_reward(self.observer.watch(moment, AFTERWARDS if over else 1))

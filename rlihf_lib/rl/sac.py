@@ -29,12 +29,21 @@ class FastSAC(SAC):
     ----------
     critic_noise : pair of float
         Standard deviation of the noise added to the observations and actions critics are fitted to.
+    log_every : int
+        Environment steps between two entries of `learning`.
     *args, **kwargs
         As for `stable_baselines3.SAC`.
+
+    Attributes
+    ----------
+    learning : list of dict
+        Every `log_every` steps, of the update then made: step; critic_loss, half the sum of the
+        critics' mean squared errors, as in SB3; ent_coef, alpha; mean_q, their mean value.
     """
 
-    def __init__(self, *args, critic_noise=(0.0, 0.0), **kwargs):
-        self.critic_noise = critic_noise
+    def __init__(self, *args, critic_noise=(0.0, 0.0), log_every=1_000, **kwargs):
+        self.critic_noise, self.log_every = critic_noise, log_every
+        self.learning = []
         super().__init__(*args, **kwargs)
 
     def _setup_model(self):
@@ -82,10 +91,22 @@ class FastSAC(SAC):
 
         values = np.min([critic.forward() for critic in later], axis=0)
         target = batch.returns + batch.discounts * (values - alpha * next_log_prob)
+        values, errors = [], []
         for critic in taken:
-            critic.backward((critic.forward() - target) / batch.size)
+            values.append(critic.forward())
+            errors.append(values[-1] - target)
+            critic.backward(errors[-1] / batch.size)
             critic.weight_gradients()
         self.critic.optimizer.update()
+        if self.num_timesteps % self.log_every == 0:
+            self.learning.append(
+                {
+                    "step": self.num_timesteps,
+                    "critic_loss": float(np.square(errors).mean(axis=1).sum() / 2),
+                    "ent_coef": alpha,
+                    "mean_q": float(np.mean(values)),
+                }
+            )
 
         # The derivative of every critic; the smallest one's counts.
         values, slopes = [], []
@@ -101,14 +122,14 @@ class FastSAC(SAC):
         self._flat_target.lerp_(self._flat_critic, self.tau)
 
 
-def make_sac(env, settings, seed):
+def make_sac(env, settings, seed, log_every=1_000):
     """Build the learner.
 
     Parameters
     ----------
     env : gymnasium.Env
     settings : rlihf_lib.rl.config.SACSettings
-    seed : int
+    seed, log_every : int
 
     Returns
     -------
@@ -128,6 +149,7 @@ def make_sac(env, settings, seed):
         n_steps=settings.n_steps,
         target_entropy=settings.target_entropy,
         critic_noise=settings.critic_noise,
+        log_every=log_every,
         policy_kwargs={"net_arch": list(settings.hidden)},
         seed=seed,
         device="cpu",

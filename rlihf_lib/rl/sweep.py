@@ -17,6 +17,7 @@ import dask
 from distributed import Client, LocalCluster, as_completed, get_worker
 
 from rlihf_lib.progress import FILE_NAME, Progress, duration
+from rlihf_lib.rl.observer import check_feedback, rows_of
 
 TOPIC = "rlihf-progress"
 # Dask looks at what each worker does every 10 ms, which costs a run an eighth of its time, and at
@@ -80,6 +81,8 @@ def run_sweep(
     ------
     RuntimeError
         If a run failed. The others are finished and kept first.
+    ValueError
+        If a config names other p(error) rows than the table has; nothing is trained then.
 
     Notes
     -----
@@ -89,6 +92,7 @@ def run_sweep(
     """
     runs_dir = Path(runs_dir)
     configs = list(dict.fromkeys(configs))
+    check_feedback(configs, p_error)
     missing = [config for config in configs if recompute or not is_done(config, runs_dir)]
     if not missing:
         progress(f"all {len(configs)} runs are done already")
@@ -111,7 +115,7 @@ def run_sweep(
             client.submit(
                 _train_on_worker,
                 config,
-                _rows(p_error, config.subject),
+                rows_of(p_error, config.subject) if config.subject else None,
                 train,
                 key=f"{config.run_id}-{config.hash[:16]}",
                 priority=-position,
@@ -193,15 +197,6 @@ def _train_on_worker(config, p_error, train):
         train(config, folder, p_error, progress=report)
         files = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
     return files, time.perf_counter() - start
-
-
-def _rows(p_error, subject):
-    """Pick the subject's rows: all that a run may see of the table."""
-    if not subject:
-        return None
-    if p_error is None:
-        raise ValueError(f"runs with feedback of {subject} need the p(error) table; got None")
-    return p_error[p_error["subject"] == subject].reset_index(drop=True)
 
 
 @contextlib.contextmanager

@@ -16,22 +16,31 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from rlihf_lib.files import atomic_path, canonical_json, write_csv, write_text
 from rlihf_lib.rl.evaluation import evaluate
-from rlihf_lib.rl.observer import Observer
-from rlihf_lib.rl.rewards import TrainingReward
+from rlihf_lib.rl.observer import OBSERVERS, Observer, check_feedback, rows_of
+from rlihf_lib.rl.rewards import REWARDS, TrainingReward
 from rlihf_lib.rl.sac import make_sac
 from rlihf_lib.task.gym_env import PickPlaceEnv
 
+LOG_EVERY = 1_000  # steps of training that a row of train.csv sums up
+EPISODE_METRICS = ("success", "completed", "collisions", "min_clearance", "steps")
+#: Of train.csv: means over the episodes that ended in the window, the share of its steps that
+#: looked wrong to the observer, and three numbers of the update at its end (`FastSAC.learning`).
+TRAINING_COLUMNS = (
+    "step", "episodes", "return", *EPISODE_METRICS, "judged_wrong",
+    "critic_loss", "ent_coef", "mean_q",
+)  # fmt: skip
 EVALUATION_SEEDS = 1_000_000  # placements from here on are never trained on
 
 
 class _Record(BaseCallback):
-    """Collects training episodes and evaluates at regular intervals."""
+    """Sums up training every `LOG_EVERY` steps, and evaluates at regular intervals."""
 
-    def __init__(self, config, evaluation_env, progress):
+    def __init__(self, config, evaluation_env, observer, progress):
         super().__init__()
         self.config, self.evaluation_env, self.progress = config, evaluation_env, progress
-        self.episodes, self.evaluations = [], []
-        self.episode_return = 0.0
+        self.observer = observer
+        self.windows, self.episodes, self.evaluations = [], [], []
+        self.episode_return, self.errors_seen, self.started = 0.0, 0, 0
 
     def _on_training_start(self):
         self._evaluate()
@@ -40,18 +49,31 @@ class _Record(BaseCallback):
         self.episode_return += float(self.locals["rewards"][0])
         info = self.locals["infos"][0]
         if "metrics" in info:
-            self.episodes.append(
-                {
-                    "step": self.num_timesteps,
-                    "episode": len(self.episodes),
-                    "return": self.episode_return,
-                    **info["metrics"],
-                }
-            )
+            self.episodes.append({"return": self.episode_return, **info["metrics"]})
             self.episode_return = 0.0
+        if self.num_timesteps % LOG_EVERY == 0 or self.num_timesteps == self.config.total_steps:
+            self._sum_up()
         if self.num_timesteps % self.config.eval_every == 0:
             self._evaluate()
         return True
+
+    def _sum_up(self):
+        window = {"step": self.num_timesteps, "episodes": len(self.episodes)}
+        means = pd.DataFrame(self.episodes, columns=["return", *EPISODE_METRICS]).mean()
+        if self.observer:
+            seen = self.observer.errors_seen - self.errors_seen
+            window["judged_wrong"] = seen / (self.num_timesteps - self.started)
+            self.errors_seen = self.observer.errors_seen
+        self.windows.append({**window, **means})
+        self.episodes, self.started = [], self.num_timesteps
+
+    def training_table(self):
+        """Training in windows of `LOG_EVERY` steps, with the update at the end of each."""
+        windows = pd.DataFrame(self.windows, columns=TRAINING_COLUMNS[:-3])
+        learning = pd.DataFrame(self.model.learning, columns=["step", *TRAINING_COLUMNS[-3:]])
+        table = windows.merge(learning, on="step", how="left")
+        # Single precision's digits say all there is.
+        return table.astype(dict.fromkeys(TRAINING_COLUMNS[2:], np.float32))
 
     def _evaluate(self):
         config = self.config
@@ -83,7 +105,8 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, decode=N
     Raises
     ------
     ValueError
-        If the subject has no rows, or not both classes, in `p_error`.
+        If the subject has no rows in `p_error`, not both classes, or other rows than the config
+        names by hash.
     """
     started = time.perf_counter()
     torch.set_num_threads(1)
@@ -92,24 +115,21 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, decode=N
     placement, observer_seed, learner = np.random.SeedSequence(config.seed).generate_state(3)
     observer = None
     if config.condition == "rlihf":
-        if p_error is None or config.subject not in set(p_error["subject"]):
-            known = "none" if p_error is None else ", ".join(sorted(set(p_error["subject"])))
-            raise ValueError(
-                f"subject {config.subject!r} is not in the p(error) table (there: {known}); "
-                "decode it first with notebook 02"
-            )
-        rows = p_error[p_error["subject"] == config.subject]
-        observer = Observer(rows, np.random.default_rng(observer_seed), decode)
+        check_feedback([config], p_error)
+        looks_wrong = OBSERVERS.get(config.observer, config.observer)
+        rng = np.random.default_rng(observer_seed)
+        observer = Observer(rows_of(p_error, config.subject), rng, looks_wrong, decode)
     env = TrainingReward(
         PickPlaceEnv(config.horizon, config.patience),
         config.condition,
         config.sac.discount,
         config.w_hf,
         observer,
+        REWARDS.get(config.reward, config.reward),
     )
     env.reset(seed=int(placement % EVALUATION_SEEDS))
-    model = make_sac(env, config.sac, int(learner))
-    record = _Record(config, PickPlaceEnv(config.horizon), progress)
+    model = make_sac(env, config.sac, int(learner), LOG_EVERY)
+    record = _Record(config, PickPlaceEnv(config.horizon), observer, progress)
     model.learn(config.total_steps, callback=record)
     with atomic_path(folder / "actor.safetensors") as path:
         save_file(record.actor, path)
@@ -117,7 +137,7 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, decode=N
         folder / "config.json",
         canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",
     )
-    write_csv(folder / "train.csv", pd.DataFrame(record.episodes))
+    write_csv(folder / "train.csv", record.training_table())
     write_csv(folder / "eval.csv", pd.DataFrame(record.evaluations))
     provenance = {
         **environment(),
