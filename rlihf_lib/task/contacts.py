@@ -3,6 +3,7 @@
 import mujoco
 import numba
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from rlihf_lib.task.mujoco_c import mj_geomDistance
 from rlihf_lib.task.workspace import OBSTACLES
@@ -35,6 +36,10 @@ class Contacts:
         in_hand = np.array([n.startswith("gripper0") for n in names])
         self.hand = np.flatnonzero(in_hand & solid)
         self.hand_and_can = np.append(self.hand, geom_ids["can"])
+        self._is_box = model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
+        self._boxes = [
+            (a, b) for a in self.hand for b in self.obstacles if self._is_box[[a, b]].all()
+        ]
 
     def touching(self):
         """Tell whether the robot, its thumb and its other fingers touch the can, and collisions.
@@ -68,12 +73,24 @@ class Contacts:
         """
         option, flags = self._model.opt, self._model.opt.disableflags
         option.disableflags = flags & ~NATIVE_CCD_OFF
-        closest = _closest(
+        closest, doubtful = _closest(
             self._model._address, self._data._address, self.hand_and_can if held else self.hand,
-            self.obstacles, self._data.geom_xpos, self._model.geom_rbound,
+            self.obstacles, self._is_box, self._data.geom_xpos, self._model.geom_rbound,
         )  # fmt: skip
         option.disableflags = flags
+        if doubtful:
+            closest = min(closest, *(self._between_boxes(*pair) for pair in self._boxes))
         return closest
+
+    def _between_boxes(self, a, b):
+        """Distance between two boxes, metres: the points x, y of least |x - y|, within bounds."""
+        centre, size = self._data.geom_xpos, self._model.geom_size
+        axes_a, axes_b = self._data.geom_xmat[[a, b]].reshape(2, 3, 3)
+        limits = np.append(size[a], size[b])
+        nearest = lsq_linear(
+            np.hstack([axes_a, -axes_b]), centre[b] - centre[a], (-limits, limits), method="bvls"
+        )
+        return float(np.linalg.norm(nearest.fun))
 
 
 @numba.njit(cache=True)
@@ -93,12 +110,20 @@ def _touches(pairs, is_can, is_obstacle, is_thumb, is_finger, is_robot):
 
 
 @numba.njit(cache=True)
-def _closest(model, data, moving, obstacles, centre, radius):
-    """Distance between the nearest two geoms; spheres round them tell which can't be."""
-    closest = CLEARANCE_RANGE
+def _closest(model, data, moving, obstacles, is_box, centre, radius):
+    """Distance between the nearest two geoms, and how many pairs of boxes it leaves out.
+
+    Spheres round the geoms tell which can't be nearest. Of two boxes MuJoCo sometimes says that
+    they touch, a distance of 0, when they are centimetres apart (issue 3383, from 3.3.5 on).
+    """
+    closest, doubtful = CLEARANCE_RANGE, 0
     for a in moving:
         for b in obstacles:
             apart = np.sqrt(((centre[a] - centre[b]) ** 2).sum()) - radius[a] - radius[b]
             if apart < closest:
-                closest = min(closest, mj_geomDistance(model, data, a, b, closest, 0))
-    return max(closest, 0.0)
+                distance = mj_geomDistance(model, data, a, b, closest, 0)
+                if distance == 0.0 and is_box[a] and is_box[b]:
+                    doubtful += 1
+                else:
+                    closest = min(closest, distance)
+    return max(closest, 0.0), doubtful
