@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rlihf_lib.files import canonical_json, sha256
-from rlihf_lib.rl.functions import describe
+from rlihf_lib.rl.functions import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import REWARDS
 
@@ -82,9 +82,15 @@ class RunConfig:
     """Version of task, observers, rewards and learner."""
 
     def __post_init__(self):
-        _choice("condition", self.condition, CONDITIONS)
-        _choice("observer", self.observer, OBSERVERS)
-        _choice("reward", self.reward, REWARDS)
+        known = {"condition": CONDITIONS, "observer": OBSERVERS, "reward": REWARDS}
+        for name, choices in known.items():
+            value = getattr(self, name)
+            if callable(value) and name != "condition":
+                if not isinstance(value, Given):
+                    # Identified here, where its source is known: workers get the code only.
+                    object.__setattr__(self, name, given(value))
+            elif value not in choices:
+                raise ValueError(f"{name} is {value!r}; choose one of {', '.join(choices)}")
         if (self.condition == "rlihf") != bool(self.subject):
             raise ValueError(
                 f"condition {self.condition!r} with subject {self.subject!r}: "
@@ -116,10 +122,10 @@ class RunConfig:
 
     def to_dict(self):
         """Return the fields as plain JSON values; functions as their name and hash."""
-        return {
-            **dataclasses.asdict(self),
-            **{name: _plain(getattr(self, name)) for name in ("observer", "reward")},
+        fields = {
+            entry.name: _plain(getattr(self, entry.name)) for entry in dataclasses.fields(self)
         }
+        return {**fields, "sac": dataclasses.asdict(self.sac)}
 
     @property
     def hash(self):
@@ -131,13 +137,8 @@ class RunConfig:
         return sha256(canonical_json({"protocol": self.protocol, **_changed(self)}))
 
 
-def _choice(field_name, value, known):
-    if not callable(value) and value not in known:
-        raise ValueError(f"{field_name} is {value!r}; choose one of {', '.join(known)}")
-
-
 def _plain(value):
-    return describe(value) if callable(value) else value
+    return {"name": value.name, "sha256": value.sha256} if isinstance(value, Given) else value
 
 
 def _changed(settings):

@@ -5,15 +5,35 @@ the hash of its source, and of whatever it refers to, becomes part of the run's.
 """
 
 import inspect
+import sys
+import sysconfig
 import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
 from types import FunctionType, ModuleType
 
 from rlihf_lib.files import canonical_json, sha256
 
-_PLAIN = (int, float, str, bool, type(None), tuple)
+LIBRARY = Path(__file__).resolve().parents[1]
+INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 
 
-def describe(function):
+@dataclass(frozen=True)
+class Given:
+    """A function from outside, with what identifies it."""
+
+    name: str
+    sha256: str
+    """Of its source and of what it refers to."""
+    function: Callable = field(compare=False, repr=False)
+
+    def __call__(self, moment):
+        """Call the function."""
+        return self.function(moment)
+
+
+def given(function):
     """Identify a function by name and source.
 
     Parameters
@@ -24,55 +44,49 @@ def describe(function):
 
     Returns
     -------
-    dict
-        Keys name and sha256.
+    Given
 
     Raises
     ------
     ValueError
         If it refers to something whose value can't be written down, or its source is not known.
     """
-    name = getattr(function, "__name__", "function").strip("<>")
-    return {"name": name, "sha256": sha256(canonical_json(_parts(function, set())))}
+    name = getattr(function, "__name__", type(function).__name__).strip("<>")
+    return Given(name, sha256(canonical_json(_parts(function, name, set()))), function)
 
 
-def _parts(function, seen):
+def _parts(function, name, seen):
     """List the source of a function and of what it refers to."""
     seen.add(function)
     try:
         parts = [textwrap.dedent(inspect.getsource(function))]
-        # Defaults are part of the source, but the values behind their names aren't.
         referred = inspect.getclosurevars(function)
     except (OSError, TypeError) as error:
         raise ValueError(
-            f"the source of {function!r} can't be read; give a function defined with def in a file "
-            "or a notebook cell"
+            f"the source of {name} can't be read; give a function defined with def in a file or a "
+            "notebook cell"
         ) from error
     defaults = {f"default {i}": value for i, value in enumerate(function.__defaults__ or ())}
     defaults |= function.__kwdefaults__ or {}
-    for name, value in sorted({**referred.globals, **referred.nonlocals, **defaults}.items()):
-        if isinstance(value, FunctionType) and not _installed(value):
-            if value not in seen:
-                parts.append([name, _parts(value, seen)])
-        elif isinstance(value, _PLAIN):
-            parts.append([name, repr(value)])
-        elif isinstance(value, ModuleType) or _installed(value):
-            parts.append([name, getattr(value, "__name__", type(value).__name__)])
+    values = {**referred.globals, **referred.nonlocals, **defaults}
+    for key, value in sorted(values.items()):
+        if isinstance(value, ModuleType):
+            parts.append([key, value.__name__])
+        elif isinstance(value, (FunctionType, type)) and _comes_with_the_library(value):
+            parts.append([key, value.__qualname__])
+        elif isinstance(value, FunctionType):
+            parts += [] if value in seen else [[key, _parts(value, key, seen)]]
+        elif isinstance(value, (int, float, str, bool, type(None), tuple)):
+            parts.append([key, repr(value)])
         else:
             raise ValueError(
-                f"{function.__name__} refers to {name}, a {type(value).__name__}; "
-                "use numbers, strings, tuples or functions, so that its value can be recorded"
+                f"{name} refers to {key}, a {type(value).__name__}; use numbers, strings, tuples "
+                "or functions, so that its value can be recorded"
             )
     return parts
 
 
-def _installed(value):
-    """Tell whether a function or class comes with the library or an installed package."""
-    module = inspect.getmodule(value)
-    path = getattr(module, "__file__", None) or ""
-    library = getattr(module, "__name__", "").split(".")[0] == "rlihf_lib"
-    return (
-        library
-        or "site-packages" in path
-        or (module is not None and not path and module.__name__ != "__main__")
-    )
+def _comes_with_the_library(value):
+    """Tell whether code is this library's, which `PROTOCOL` covers, or an installed package's."""
+    path = getattr(sys.modules.get(value.__module__), "__file__", None) or ""
+    return LIBRARY in Path(path).parents or path.startswith(INSTALLED)

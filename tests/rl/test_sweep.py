@@ -14,6 +14,7 @@ import pytest
 
 from rlihf_lib.progress import FILE_NAME, read
 from rlihf_lib.rl.config import RunConfig
+from rlihf_lib.rl.observer import p_error_sha256, perfect_table
 from rlihf_lib.rl.sweep import is_done, run_sweep
 
 # A training function in a module of its own, as workers must be able to import it.
@@ -62,10 +63,11 @@ def configs(n):
     return [RunConfig(condition="dense", seed=i, total_steps=10, eval_every=5) for i in range(n)]
 
 
-def feedback_config():
+def feedback_config(p_error):
     return RunConfig(
-        condition="rlihf", seed=0, total_steps=10, eval_every=5, eeg="x", subject="s02", w_hf=0.7
-    )
+        condition="rlihf", seed=0, total_steps=10, eval_every=5, eeg="x", subject="s02", w_hf=0.7,
+        p_error_sha256=p_error_sha256(p_error, "s02"),
+    )  # fmt: skip
 
 
 def trained(folder):
@@ -108,15 +110,19 @@ def test_finished_runs_are_skipped_and_changed_or_recomputed_ones_are_not(fake):
 
 def test_a_run_gets_the_rows_of_its_own_subject_only(fake):
     train, folder = fake
-    table = pd.DataFrame({"subject": ["s02", "s03", "s02"], "p_error": [0.25, 0.9, 0.5]})
-    run_sweep([feedback_config()], folder / "runs", p_error=table, workers=1, train=train)
-    assert "0,0.375" in (folder / "runs" / feedback_config().run_id / "eval.csv").read_text()
+    table = pd.DataFrame(
+        {"subject": ["s02", "s03", "s02"], "epoch": 0, "label": 0, "p_error": [0.25, 0.9, 0.5]}
+    )
+    config = feedback_config(table)
+    run_sweep([config], folder / "runs", p_error=table, workers=1, train=train)
+    assert "0,0.375" in (folder / "runs" / config.run_id / "eval.csv").read_text()
 
 
 def test_feedback_without_a_table_is_refused(fake):
     train, folder = fake
-    with pytest.raises(ValueError, match=r"s02 need the p\(error\) table"):
-        run_sweep([feedback_config()], folder / "runs", workers=1, train=train)
+    config = feedback_config(perfect_table().assign(subject="s02"))
+    with pytest.raises(ValueError, match=r"'s02' is not in the p\(error\) table \(there: none\)"):
+        run_sweep([config], folder / "runs", workers=1, train=train)
 
 
 def test_a_worker_that_dies_costs_only_its_run_which_is_retried(fake):
