@@ -1,13 +1,29 @@
 """Rewards, observer, and that the scripted expert earns more than scripted exploiters."""
 
 import dataclasses
+from itertools import cycle
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.observer import Observer, comfort, lay_observer, path_observer, perfect_table
+from rlihf_lib.rl.incentives import (
+    compare,
+    discounted_returns,
+    expected_feedback,
+    explained_by_dense,
+    margin,
+    watch,
+)
+from rlihf_lib.rl.observer import (
+    OBSERVERS,
+    Observer,
+    comfort,
+    lay_observer,
+    path_observer,
+    perfect_table,
+)
 from rlihf_lib.rl.rewards import (
     PLACED,
     TrainingReward,
@@ -16,7 +32,17 @@ from rlihf_lib.rl.rewards import (
     evaluation_reward,
     task_reward,
 )
+from rlihf_lib.study import Study
 from rlihf_lib.task.expert import expert_action
+from rlihf_lib.task.exploiters import (
+    EXPLOITERS,
+    hold_in_the_air,
+    hover,
+    knock_things_off,
+    oscillate,
+    push_along_the_table,
+    sit_still,
+)
 from rlihf_lib.task.gym_env import Moment, PickPlaceEnv
 from rlihf_lib.task.path import IdealPath
 
@@ -26,7 +52,6 @@ QUIET = Moment(
     collided=False, grasped=True, success=False, lost=False, dropped=False, tilt=0.0, nearer=0.02,
 )  # fmt: skip
 DISCOUNT, HORIZON = SACSettings().discount, 200
-ABOVE = np.array([0, 0, 0.1])
 
 
 def moment(**changes):
@@ -157,84 +182,62 @@ def test_observer_needs_both_classes():
         Observer(table, np.random.default_rng(0))
 
 
-def hover(env, step):
-    target = env.body("can") + ABOVE
-    return np.append(np.clip((target - env.controller.goal_pos) / 0.03, -1, 1), -1)
-
-
-def oscillate(env, step):
-    """Towards the can slowly, back at full speed."""
-    way = env.body("can") + ABOVE - env.controller.hand
-    way = way / max(np.linalg.norm(way), 1e-9)
-    return np.append(-way if step % 4 == 3 else 0.33 * way, -1)
-
-
-def hold_in_the_air(env, step):
-    if env.lifted:
-        return np.array([0, 0, 0, 1.0])
-    return expert_action(env)
-
-
-def push_along_the_table(env, step):
-    height = env.goal[2] - env.controller.hand[2]
-    side = 0.3 if env.controller.hand[2] < 0.87 else 0.0
-    return np.array([0.1, side, np.clip(height / 0.03, -1, 1), 1.0])
-
-
-def sit_still(env, step):
-    return np.array([0, 0, 0, -1.0])
-
-
-def knock_things_off(env, step):
-    target = env.body("bottle")
-    return np.append(np.clip((target - env.controller.hand) / 0.03, -1, 1), 1)
-
-
-EXPLOITERS = (
-    hover, oscillate, hold_in_the_air, push_along_the_table, sit_still, knock_things_off
-)  # fmt: skip
-
-
-def discounted_returns(env, act, seed):
-    """What the learner maximises, from every step on; what ends an episode goes on for ever."""
-    env.reset(seed=seed)
-    rewards, terminated = [], False
-    while not terminated and len(rewards) < HORIZON:
-        _, reward, terminated, *_ = env.step(act(env.unwrapped, len(rewards)))
-        rewards.append(reward)
-    later = rewards.pop() if terminated else np.mean(rewards[-50:]) / (1 - DISCOUNT)
-    returns = [later]
-    for reward in reversed(rewards):
-        returns.append(reward + DISCOUNT * returns[-1])
-    returns.reverse()
-    return (returns + HORIZON * [later])[:HORIZON]
-
-
-def decoder_of_accuracy_075():
-    rng = np.random.default_rng(1)
-    labels = np.repeat([0, 1], 500)
-    right = rng.random(1000) < 0.75
-    p = np.where(right == (labels == 1), 0.7, 0.3)
-    return pd.DataFrame({"epoch": range(1000), "label": labels, "p_error": p})
-
-
-@pytest.mark.parametrize("condition", ["sparse", "dense", "rlihf", "rlihf with a weak decoder"])
+@pytest.mark.parametrize("condition", ["sparse", "dense", "rlihf"])
 def test_expert_earns_more_than_every_exploiter(condition):
-    table = decoder_of_accuracy_075() if "weak" in condition else perfect_table()
-    observer = Observer(table, np.random.default_rng(0))
-    env = TrainingReward(
-        PickPlaceEnv(HORIZON), condition.split()[0], DISCOUNT, w_hf=0.7, observer=observer
-    )
+    observer = Observer(perfect_table(), np.random.default_rng(0))
+    env = TrainingReward(PickPlaceEnv(HORIZON), condition, DISCOUNT, w_hf=0.7, observer=observer)
 
     def returns(act):
         """From the start, where exploiters may be as good as the expert still, and on average."""
-        episodes = np.array([discounted_returns(env, act, seed) for seed in range(3)])
-        return episodes[:, 0].mean(), episodes.mean()
+        episodes = []
+        for seed in range(3):
+            env.reset(seed=seed)
+            rewards, terminated = [], False
+            while not terminated and len(rewards) < HORIZON:
+                _, reward, terminated, *_ = env.step(act(env.unwrapped))
+                rewards.append(reward)
+            episodes.append(discounted_returns(rewards, terminated, DISCOUNT, HORIZON))
+        return np.mean(episodes, axis=0)[0], np.mean(episodes)
 
-    start, average = returns(lambda e, _: expert_action(e))
+    start, average = returns(expert_action)
     others = {act.__name__: returns(act) for act in EXPLOITERS}
     assert start > 1.1 * max(other for other, _ in others.values()), (start, others)
     assert average > 1.5 * max(0, *(other for _, other in others.values())), (average, others)
+
+
+@pytest.mark.parametrize("rank", ["weakest", "median"])
+@pytest.mark.parametrize("observer", OBSERVERS.values())
+def test_expert_is_expected_to_earn_more_with_the_shipped_decoders(rank, observer):
+    study = Study("quick")
+    ranked, table = study.ranked_subjects(), study.p_error()
+    subject = ranked[0 if rank == "weakest" else (len(ranked) - 1) // 2]
+    rows = table[table["subject"] == subject]
+    result = margin(compare(PickPlaceEnv(), observer, rows, 0.7, DISCOUNT, range(3)), DISCOUNT)
+    assert result["low"] > 0 and result["ratio from start"] > 1, result
+    assert result["ratio on average"] > 1.5, result
+
+
+def test_expected_feedback_is_what_the_observer_gives_on_average():
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"epoch": range(60), "label": [0, 1] * 30, "p_error": rng.random(60)})
+    slow = moment(remaining=0.52 - 0.006)
+    mean, sd = expected_feedback([slow], path_observer, table)
+    observer = Observer(table, rng)
+    drawn = [1 - observer.watch(slow)[0] for _ in range(5000)]
+    assert mean[0] == pytest.approx(np.mean(drawn), abs=0.015)
+    assert sd[0] == pytest.approx(np.std(drawn), abs=0.015)
+
+
+def test_dense_reward_explains_all_but_comfort_and_lay_persons_less():
+    env = PickPlaceEnv(HORIZON)
+    seen = [m for seed in range(3) for m in watch(env, expert_action, seed)[0][:-1]]
+    far, near = (
+        [dataclasses.replace(m, clearance=c) for m, c in zip(seen, cycle(clearances), strict=False)]
+        for clearances in ([0.15], [0.15, 0.02])
+    )
+    assert explained_by_dense(far, path_observer) == pytest.approx(1)
+    assert explained_by_dense(near, path_observer) < 0.5
+    assert explained_by_dense(far, lay_observer) < 0.5
 
 
 # One who goes the right way and stops there is efficient and near the path, but has no success.
@@ -253,8 +256,8 @@ def test_metrics_of_the_exploiters(act, efficiency, deviation):
     env, metrics = PickPlaceEnv(HORIZON), []
     for seed in range(3):
         env.reset(seed=seed)
-        for step in range(HORIZON):
-            *_, info = env.step(act(env, step))
+        for _ in range(HORIZON):
+            *_, info = env.step(act(env))
         metrics.append(info["metrics"])
     assert [m["success"] for m in metrics] == [0, 0, 0]
     assert np.mean([m["path_efficiency"] for m in metrics]) == pytest.approx(efficiency, abs=0.05)

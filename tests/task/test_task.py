@@ -10,7 +10,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from rlihf_lib.task.expert import expert_action
 from rlihf_lib.task.gym_env import OBSERVATION, PickPlaceEnv
-from rlihf_lib.task.path import IdealPath, Polyline, path_efficiency
+from rlihf_lib.task.path import RELEASE_WORTH, IdealPath, Polyline, path_efficiency
 from rlihf_lib.task.workspace import Workspace
 
 CAN, GOAL, HAND = [-0.07, -0.2, 0.84], [-0.07, 0.2, 0.84], [-0.19, -0.15, 1.0]
@@ -178,7 +178,9 @@ def test_an_object_sleeps_until_touched_and_then_moves_as_if_it_had_been_awake()
         if not sleep:
             env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         address = env.workspace.qpos_address["bottle"]
-        env.data.qpos[address : address + 2] = env.controller.hand[:2] + np.array([0.12, 0])
+        env.data.qpos[address : address + 2] = env.controller.hand[:2] + np.array([0.12, 0.01])
+        lemon = env.workspace.qpos_address["lemon"]  # stands there, and rolls as it likes
+        env.data.qpos[lemon : lemon + 2] = [0.25, 0.25]
         tree = env.model.body_treeid[env.workspace.body_ids["bottle"]]
         places, asleep = [], []
         for step in range(16):
@@ -198,8 +200,11 @@ def test_remaining_path_falls_along_the_ideal_path():
     reach = [path.remaining(p, np.array(CAN), False, 0.0) for p in _walk(path.reach)]
     carry = [path.remaining(p, p, True, 1.0) for p in _walk(path.carry)]
     assert np.diff(reach).max() < 1e-9 and np.diff(carry).max() < 1e-9
-    assert reach[-1] > carry[0] and carry[-1] == pytest.approx(0, abs=1e-9)
-    assert carry[0] == pytest.approx(path.carry_length)
+    assert reach[-1] > carry[0] and carry[-1] == pytest.approx(RELEASE_WORTH)
+    end = path.carry[-1]
+    opening = [path.remaining(end, end, True, c, delivered=True) for c in (1, 0.5, 0)]
+    assert opening == pytest.approx([RELEASE_WORTH, RELEASE_WORTH / 2, 0])
+    assert carry[0] == pytest.approx(path.carry_length + RELEASE_WORTH)
 
 
 def test_ideal_path_itself_has_efficiency_one_and_deviation_zero():

@@ -1,0 +1,176 @@
+"""What a reward makes worthwhile: scripted robots judged by it, in expectation.
+
+Feedback is random twice over, in what the observer perceives and in the epoch that answers. Its
+expectation is not: with P the observer's P(wrong) and m0, m1 the mean p(error) of the subject's
+correct and error epochs, E[1 - p] = 1 - (1 - P) m0 - P m1. So returns are computed without drawing
+a single epoch, and what varies is the placement.
+"""
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from rlihf_lib.rl.rewards import alignment_reward, task_reward
+from rlihf_lib.task.expert import expert_action
+from rlihf_lib.task.exploiters import EXPLOITERS
+
+HORIZON = 200  # steps that robots are watched
+STEADY = 50  # last steps of an unfinished episode, which are taken to go on for ever
+FULL_SPEED = 0.375  # dense reward of the progress that surely looks right, 15 mm a step
+
+
+def watch(env, act, seed, horizon=HORIZON):
+    """Roll a robot out and return its moments, and whether the episode terminated.
+
+    Parameters
+    ----------
+    env : PickPlaceEnv
+    act : callable
+        `env -> action`, shape (4,).
+    seed, horizon : int
+    """
+    env.reset(seed=seed)
+    moments, terminated = [], False
+    while not terminated and len(moments) < horizon:
+        *_, terminated, _, info = env.step(act(env))
+        moments.append(info["moment"])
+    return moments, terminated
+
+
+def expected_feedback(moments, observer, p_error):
+    """Expected reward 1 - p(error) of each moment, and its standard deviation.
+
+    Parameters
+    ----------
+    moments : sequence of Moment
+    observer : callable
+        `moment -> P(wrong)`.
+    p_error : DataFrame
+        The subject's rows, columns label and p_error.
+
+    Returns
+    -------
+    mean, sd : ndarray, shape (n,)
+    """
+    wrong = np.array([observer(moment) for moment in moments])
+    by_class = p_error.groupby("label")["p_error"]
+    means, squares = by_class.mean(), by_class.agg(lambda p: (p**2).mean())
+    mean = (1 - wrong) * means[0] + wrong * means[1]
+    square = (1 - wrong) * squares[0] + wrong * squares[1]
+    return 1 - mean, np.sqrt(np.maximum(square - mean**2, 0))
+
+
+def discounted_returns(rewards, terminated, discount, horizon=HORIZON):
+    """Discounted return from every step on; what ends an episode goes on for ever.
+
+    Parameters
+    ----------
+    rewards : ndarray, shape (n,)
+        The last one of a terminated episode is paid for all that follows.
+    terminated : bool
+    discount : float
+    horizon : int
+        Steps in all; those after the end have the return of the end.
+
+    Returns
+    -------
+    ndarray, shape (horizon,)
+    """
+    rewards = list(rewards)
+    later = rewards.pop() if terminated else np.mean(rewards[-STEADY:]) / (1 - discount)
+    returns = [later]
+    for reward in reversed(rewards):
+        returns.append(reward + discount * returns[-1])
+    returns.reverse()
+    return np.array((returns + horizon * [later])[:horizon])
+
+
+def compare(env, observer, p_error, w_hf, discount, seeds=range(5)):
+    """Play the exploiters against the expert under human feedback.
+
+    Parameters
+    ----------
+    env : PickPlaceEnv
+    observer : callable
+        `moment -> P(wrong)`.
+    p_error : DataFrame
+        Rows of one subject.
+    w_hf, discount : float
+    seeds : iterable of int
+        Placements.
+
+    Returns
+    -------
+    DataFrame
+        A row per robot and placement: robot, seed, from_start (expected discounted return from the
+        first step), average (from every step, averaged), noise (SD of a single step's reward).
+    """
+    rows = []
+    for act in (expert_action, *EXPLOITERS):
+        for seed in seeds:
+            moments, terminated = watch(env, act, seed)
+            feedback, sd = expected_feedback(moments, observer, p_error)
+            task = np.array([task_reward(moment, discount) for moment in moments])
+            rewards = task + w_hf * feedback
+            if terminated:  # the observer goes on watching
+                rewards[-1] += w_hf * feedback[-1] * discount / (1 - discount)
+            returns = discounted_returns(rewards, terminated, discount)
+            name = act.__name__.removesuffix("_action")
+            rows.append((name, seed, returns[0], returns.mean(), w_hf * sd.mean()))
+    return pd.DataFrame(rows, columns=["robot", "seed", "from_start", "average", "noise"])
+
+
+def margin(returns, discount):
+    """How far the expert is ahead of the best exploiter, in units of the feedback's noise.
+
+    Parameters
+    ----------
+    returns : DataFrame
+        From `compare`, several placements.
+    discount : float
+
+    Returns
+    -------
+    dict
+        best exploiter (from the start); ratio from start, ratio on average: of the expert's return
+        to the best exploiter's; margin, low, high: difference of the returns from the start over
+        the standard deviation that the noise of single steps gives a return,
+        sd / sqrt(1 - discount^2), and its 95 % t interval over placements.
+    """
+    start, average = (
+        returns.pivot(index="seed", columns="robot", values=name)
+        for name in ("from_start", "average")
+    )
+    others = start.columns.drop("expert")
+    best = start[others].mean().idxmax()
+    noise = returns.loc[returns["robot"] == "expert", "noise"].mean() / np.sqrt(1 - discount**2)
+    ahead = (start["expert"] - start[best]) / noise
+    low, high = stats.t.interval(0.95, len(ahead) - 1, ahead.mean(), stats.sem(ahead))
+    return {
+        "best exploiter": best,
+        "ratio from start": start["expert"].mean() / start[best].mean(),
+        "ratio on average": average["expert"].mean() / average[others].mean().max(),
+        "margin": ahead.mean(), "low": low, "high": high,
+    }  # fmt: skip
+
+
+def explained_by_dense(moments, observer):
+    """Share of the variance of P(right) that the engineer's reward explains (R squared).
+
+    Parameters
+    ----------
+    moments : sequence of Moment
+    observer : callable
+        `moment -> P(wrong)`.
+
+    Returns
+    -------
+    float
+        Squared correlation with the dense reward, cut off where progress surely looks right, and
+        0 for collisions.
+    """
+    dense = [
+        0.0 if moment.collided else min(alignment_reward(moment), FULL_SPEED) for moment in moments
+    ]
+    right = [1 - observer(moment) for moment in moments]
+    return float(np.corrcoef(dense, right)[0, 1] ** 2)
