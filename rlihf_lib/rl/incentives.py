@@ -85,19 +85,36 @@ def discounted_returns(rewards, terminated, discount, horizon=HORIZON):
     return np.array((returns + horizon * [later])[:horizon])
 
 
-def compare(env, observer, p_error, w_hf, discount, seeds=range(5)):
-    """Play the exploiters against the expert under human feedback.
+def play(env, seeds):
+    """Watch the expert and every exploiter, once per placement.
 
     Parameters
     ----------
     env : PickPlaceEnv
+    seeds : iterable of int
+        Placements.
+
+    Returns
+    -------
+    dict
+        (robot, seed) -> what `watch` returns.
+    """
+    robots = {act.__name__.removesuffix("_action"): act for act in (expert_action, *EXPLOITERS)}
+    return {(name, seed): watch(env, act, seed) for name, act in robots.items() for seed in seeds}
+
+
+def expected_returns(played, observer, p_error, w_hf, discount):
+    """Judge robots by human feedback.
+
+    Parameters
+    ----------
+    played : dict
+        From `play`.
     observer : callable
         `moment -> P(wrong)`.
     p_error : DataFrame
         Rows of one subject.
     w_hf, discount : float
-    seeds : iterable of int
-        Placements.
 
     Returns
     -------
@@ -106,17 +123,14 @@ def compare(env, observer, p_error, w_hf, discount, seeds=range(5)):
         first step), average (from every step, averaged), noise (SD of a single step's reward).
     """
     rows = []
-    for act in (expert_action, *EXPLOITERS):
-        for seed in seeds:
-            moments, terminated = watch(env, act, seed)
-            feedback, sd = expected_feedback(moments, observer, p_error)
-            task = np.array([task_reward(moment, discount) for moment in moments])
-            rewards = task + w_hf * feedback
-            if terminated:  # the observer goes on watching
-                rewards[-1] += w_hf * feedback[-1] * discount / (1 - discount)
-            returns = discounted_returns(rewards, terminated, discount)
-            name = act.__name__.removesuffix("_action")
-            rows.append((name, seed, returns[0], returns.mean(), w_hf * sd.mean()))
+    for (robot, seed), (moments, terminated) in played.items():
+        feedback, sd = expected_feedback(moments, observer, p_error)
+        task = np.array([task_reward(moment, discount) for moment in moments])
+        rewards = task + w_hf * feedback
+        if terminated:  # the observer goes on watching
+            rewards[-1] += w_hf * feedback[-1] * discount / (1 - discount)
+        returns = discounted_returns(rewards, terminated, discount)
+        rows.append((robot, seed, returns[0], returns.mean(), w_hf * sd.mean()))
     return pd.DataFrame(rows, columns=["robot", "seed", "from_start", "average", "noise"])
 
 
@@ -126,7 +140,7 @@ def margin(returns, discount):
     Parameters
     ----------
     returns : DataFrame
-        From `compare`, several placements.
+        From `expected_returns`, several placements.
     discount : float
 
     Returns
