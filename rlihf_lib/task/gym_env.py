@@ -102,6 +102,11 @@ class PickPlaceEnv(gym.Env):
     workspace : Workspace, optional
         To use instead of a new, fast one; with `Workspace(fast=False)` robosuite's own `step`
         drives the same task, several times slower.
+
+    Attributes
+    ----------
+    observation : ndarray, float32
+        Of the present state, as `reset` and `step` return it.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
@@ -138,7 +143,8 @@ class PickPlaceEnv(gym.Env):
         self.remaining = self.best = self.path.start_remaining
         self.grasped = self.lifted = self.lowered = False
         self.stages = Stages()
-        return self._observe(), {}
+        self.observation = self._observe()
+        return self.observation, {}
 
     def step(self, action):
         """Advance one control step (Gymnasium API)."""
@@ -153,7 +159,8 @@ class PickPlaceEnv(gym.Env):
         info = {"moment": moment, "is_success": moment.success}
         if terminated or truncated:
             info["metrics"] = self.metrics(moment.success)
-        return self._observe(), float(moment.success), terminated, truncated, info
+        self.observation = self._observe()
+        return self.observation, float(moment.success), terminated, truncated, info
 
     def _judge(self, before):
         """Measure what happened in the step that began with the hand at `before`."""
