@@ -4,23 +4,32 @@ import tempfile
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import mujoco
 import numpy as np
-from matplotlib.patches import BoxStyle, Circle, FancyBboxPatch, Rectangle
+from matplotlib.patches import Polygon
+from matplotlib.patheffects import withStroke
 
 from rlihf_lib.report.style import COLORS, LABELS, PAGE_WIDTH, note
-from rlihf_lib.rl.observer import PREFERRED_CLEARANCE
+from rlihf_lib.rl.observer import AT_EASE_CLEARANCE, UNEASY_CLEARANCE
 from rlihf_lib.task.rendering import render
 from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
-# Outlines on the table: half-widths (m) of boxes or a radius (m), and a colour.
-OUTLINES = {
-    "can": (0.025, "#C8102E"),
-    "goal": (0.045, "#999999"),
-    "lemon": ((0.034, 0.02), "#E6C700"),
-    "cereal": ((0.015, 0.05), "#8C564B"),
-    "bottle": (0.029, "#009E73"),
-    "bread": ((0.02, 0.024), "#D8A15D"),
+OBJECT_COLOURS = {
+    "goal": "#999999",
+    "can": "#C8102E",
+    "lemon": "#E6C700",
+    "cereal": "#8C564B",
+    "bottle": "#009E73",
+    "bread": "#D8A15D",
 }
+# World axes drawn to the right and upwards; from above, x points away from the robot, downwards.
+FROM_ABOVE, FROM_FRONT = (1, 0), (1, 2)
+# Zones round obstacles, outer one first: metres, what their outline means, greys of both.
+ZONES = (
+    (AT_EASE_CLEARANCE, "people at ease", "#F6F6F6", "#A8A8A8"),
+    (UNEASY_CLEARANCE, "too close", "#E9E9E9", "#555555"),
+)
+HALO = [withStroke(linewidth=1.5, foreground="white")]
 
 
 def task_figure(seed=0):
@@ -52,34 +61,83 @@ def task_figure(seed=0):
         )
         left.imshow(pixels)
         left.axis("off")
-    top_view(env.workspace.placement, env.path, top)
+    top_view(env, top)
     return figure
 
 
-def top_view(placement, path, ax=None):
+def silhouettes(workspace, name, view, margin=0.0):
+    """Outlines of an object's collision shapes as seen along a world axis.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        A fast one, whose shapes are boxes, cylinders and ellipsoids.
+    name : str
+        Of an object, or "goal".
+    view : tuple of int
+        The two world axes to draw, 0 to 2.
+    margin : float
+        Metres by which the outlines lie outside the shapes.
+
+    Yields
+    ------
+    ndarray, shape (360, 2)
+        Corners, metres.
+    """
+    model, data = workspace.sim.model._model, workspace.sim.data._data
+    angle = np.radians(np.arange(360) + 0.5)
+    outwards = np.zeros((360, 3))
+    outwards[:, view] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for geom in workspace.geom_ids[name]:
+        rotation = data.geom_xmat[geom].reshape(3, 3)
+        farthest = _farthest(model.geom_type[geom], model.geom_size[geom], outwards @ rotation)
+        outline = data.geom_xpos[geom] + farthest @ rotation.T + margin * outwards
+        yield outline[:, view]
+    if name == "goal":  # a mark, which the simulation doesn't know
+        farthest = _farthest(mujoco.mjtGeom.mjGEOM_CYLINDER, workspace.goal.size, outwards)
+        yield (workspace.placement[name] + farthest + margin * outwards)[:, view]
+
+
+def _farthest(kind, size, along):
+    """Points of a shape that lie farthest along directions (n, 3), both in its own frame."""
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return np.sign(along) * size
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return size**2 * along / np.linalg.norm(size * along, axis=1, keepdims=True)
+    if kind != mujoco.mjtGeom.mjGEOM_CYLINDER:
+        raise ValueError(f"no outline for geoms of type {kind}")
+    radial = along[:, :2] / np.maximum(np.hypot(*along.T[:2]), 1e-12)[:, None]
+    return np.column_stack([size[0] * radial, size[1] * np.sign(along[:, 2])])
+
+
+def top_view(env, ax=None):
     """Draw objects, goal and ideal path from above, as a person facing the robot sees them.
 
     Parameters
     ----------
-    placement : dict of str to ndarray, shape (3,)
-        Centre of each object, metres.
-    path : IdealPath
+    env : PickPlaceEnv
+        Reset.
     ax : Axes, optional
 
     Returns
     -------
     Axes
     """
-    ax = ax or plt.gca()
-    for name, (size, colour) in OUTLINES.items():
-        x, y = placement[name][:2]
-        if np.isscalar(size):
-            ax.add_patch(Circle((y, x), size, color=colour, alpha=0.8, lw=0))
-        else:
-            corner = (y - size[1], x - size[0])
-            ax.add_patch(Rectangle(corner, 2 * size[1], 2 * size[0], color=colour, alpha=0.8, lw=0))
+    ax, path = ax or plt.gca(), env.path
+    for name, colour in OBJECT_COLOURS.items():
+        for outline in silhouettes(env.workspace, name, FROM_ABOVE):
+            ax.add_patch(Polygon(outline, color=colour, alpha=0.8, lw=0, gid=name))
+        beside = name in ("bottle", "cereal")  # which stand one behind the other
+        y, x = (outline.max(axis=0) + outline.min(axis=0)) / 2
         ax.annotate(
-            name, (y, x), xytext=(0, 11), textcoords="offset points", ha="center", fontsize=7
+            name,
+            (outline[:, 0].max(), x) if beside else (y, outline[:, 1].max()),
+            xytext=(2, 0) if beside else (0, -2),
+            textcoords="offset points",
+            ha="left" if beside else "center",
+            va="center" if beside else "top",
+            fontsize=7,
+            path_effects=HALO,
         )
     ax.plot(path.reach[:, 1], path.reach[:, 0], "k:", lw=1, label="ideal path to the can")
     ax.plot(path.carry[:, 1], path.carry[:, 0], "k--", lw=1, label="ideal path with the can")
@@ -106,14 +164,13 @@ def paths_figure(env, recordings, caption):
     Figure
     """
     figure, (top, side) = plt.subplots(
-        1, 2, figsize=(PAGE_WIDTH, 3.3), layout="constrained", width_ratios=[1, 1.1]
+        1, 2, figsize=(PAGE_WIDTH, 3.5), layout="constrained", width_ratios=[1, 1.1]
     )
-    placement, path = env.workspace.placement, env.path
-    top_view(placement, path, top)
+    top_view(env, top)
     top.get_legend().remove()
     _side_view(env, side)
-    for name in OBSTACLES:
-        _clearance_line(top, name, placement[name])
+    _draw_zones(env.workspace, top)
+    top.set_ylim(0.2, -0.32)
     for condition, runs in recordings.items():
         for run in runs:
             style = {"color": COLORS[condition], "lw": 1, "alpha": 0.8}
@@ -125,7 +182,9 @@ def paths_figure(env, recordings, caption):
         placed = sum(run.success for run in runs)
         label = f"{LABELS[condition]}: {placed} of {len(runs)} runs place the can"
         top.plot([], [], color=COLORS[condition], label=label)
-    top.plot([], [], color="#888888", lw=0.8, ls=":", label="preferred clearance, 2 cm")
+    for metres, meaning, _, grey in reversed(ZONES):
+        label = f"{100 * metres:.0f} cm from obstacles: {meaning}"
+        top.plot([], [], color=grey, lw=0.9, ls=":", label=label)
     figure.legend(loc="outside upper center", ncols=3, fontsize=6)
     note(
         figure,
@@ -136,17 +195,12 @@ def paths_figure(env, recordings, caption):
 
 def _side_view(env, ax):
     """Draw the scene as seen from the robot's front: across the table and up."""
-    for name, (size, colour) in OUTLINES.items():
-        centre = env.workspace.placement[name]
-        half = size if np.isscalar(size) else size[1]
-        height = 0.008 if name == "goal" else 2 * env.workspace.standing_height(name)
-        ax.add_patch(
-            Rectangle(
-                (centre[1] - half, TABLE_HEIGHT), 2 * half, height, color=colour, alpha=0.5, lw=0
-            )
-        )
-        below = 0.035 if name == "bottle" else 0.015  # the cereal box stands behind it
-        ax.text(centre[1], TABLE_HEIGHT - below, name, fontsize=6, ha="center", va="top")
+    for name, colour in OBJECT_COLOURS.items():
+        for outline in silhouettes(env.workspace, name, FROM_FRONT):
+            ax.add_patch(Polygon(outline, color=colour, alpha=0.5, lw=0, gid=name))
+        below = 0.035 if name in ("lemon", "bottle", "goal") else 0.015  # neighbours' names
+        y = env.workspace.placement[name][1]
+        ax.text(y, TABLE_HEIGHT - below, name, fontsize=6, ha="center", va="top")
     ax.axhline(TABLE_HEIGHT, color="k", lw=0.6)
     ax.plot(env.path.reach[:, 1], env.path.reach[:, 2], "k:", lw=1)
     ax.plot(env.path.carry[:, 1], env.path.carry[:, 2], "k--", lw=1)
@@ -154,15 +208,12 @@ def _side_view(env, ax):
     ax.set_ylim(TABLE_HEIGHT - 0.07, TABLE_HEIGHT + 0.4)
 
 
-def _clearance_line(ax, name, centre):
-    """Outline the zone round an obstacle into which people prefer the robot not to go."""
-    size, _ = OUTLINES[name]
-    style = {"fill": False, "ls": ":", "lw": 0.8, "ec": "#888888"}
-    x, y = centre[:2]
-    if np.isscalar(size):
-        ax.add_patch(Circle((y, x), size + PREFERRED_CLEARANCE, **style))
-    else:
-        dx, dy = size
-        rounded = BoxStyle("Round", pad=PREFERRED_CLEARANCE, rounding_size=PREFERRED_CLEARANCE)
-        corner = (y - dy, x - dx)
-        ax.add_patch(FancyBboxPatch(corner, 2 * dy, 2 * dx, boxstyle=rounded, **style))
+def _draw_zones(workspace, ax):
+    """Outline where the robot is too close to an obstacle, and where people aren't at ease."""
+    for order, (metres, _, inside, grey) in enumerate(ZONES):
+        zones = [z for o in OBSTACLES for z in silhouettes(workspace, o, FROM_ABOVE, metres)]
+        # Insides over the outlines: zones that overlap have one outline.
+        for number, style in enumerate(({"ec": grey, "lw": 1.6, "ls": ":"}, {"lw": 0})):
+            for zone in zones:
+                zorder = 0.6 + 0.1 * order + 0.05 * number
+                ax.add_patch(Polygon(zone, fc=inside, zorder=zorder, gid=f"{metres} m", **style))
