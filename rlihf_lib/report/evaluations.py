@@ -1,9 +1,11 @@
-"""Read the evaluations and training episodes of a study's runs."""
+"""Read the evaluations and training episodes of a study's runs, and say what each run is."""
 
 import numpy as np
 import pandas as pd
 
 from rlihf_lib.report import paper
+from rlihf_lib.report.statistics import MIN_UNITS
+from rlihf_lib.report.style import label, ordered
 
 EVAL_COLUMNS = (
     "step",
@@ -15,6 +17,43 @@ EVAL_COLUMNS = (
     "collisions",
     "min_clearance",
 )
+METRICS = EVAL_COLUMNS[2:]
+RANGES = {
+    "success": (0, 1), "path_efficiency": (0, 1), "path_deviation": (0, np.inf),
+    "collisions": (0, np.inf),
+}  # fmt: skip
+UNBOUNDED = (-np.inf, np.inf)
+LOWER_IS_BETTER = ("path_deviation", "collisions")
+CONTROLS = ("ideal", "mean", "shuffled")  # what a table of p(error) may be besides decoded
+
+
+def group_of(config):
+    """Name what a run is compared as: its condition, and whatever isn't as in the paper.
+
+    Parameters
+    ----------
+    config : RunConfig
+
+    Returns
+    -------
+    str
+        "sparse", "dense", "rlihf"; "rlihf-ideal", "rlihf-mean" or "rlihf-shuffled" where p(error)
+        isn't decoded; settings that differ from the default as in the run's id, such as
+        "sparse-patience1000-discount0.98" or "rlihf-lay".
+    """
+    control = config.subject.rpartition("-")[2]
+    settings = (
+        config.run_id.removeprefix(config.condition)
+        .removeprefix(f"-w{config.w_hf:g}-{config.subject}")
+        .removesuffix(f"-seed{config.seed}")
+    )
+    return config.condition + (f"-{control}" if control in CONTROLS else "") + settings
+
+
+def person_of(subject):
+    """Return whose p(error) a run drew on: "s02" for "s02" and "s02-mean"; "" for nobody's."""
+    person, _, control = subject.rpartition("-")
+    return person if control in CONTROLS else subject
 
 
 def load_runs(study, stages=("sparse", "dense", "rlihf")):
@@ -29,7 +68,8 @@ def load_runs(study, stages=("sparse", "dense", "rlihf")):
     Returns
     -------
     DataFrame
-        The columns of `eval.csv` after run, condition, subject, w_hf, seed.
+        The columns of `eval.csv` after run, group (`group_of`), person (`person_of`), condition,
+        subject, w_hf, seed.
 
     Raises
     ------
@@ -47,8 +87,8 @@ def load_training(study, stages):
     Returns
     -------
     DataFrame
-        The columns of `train.csv` (step, episode, return, success, ...) after run, condition,
-        subject, w_hf, seed. The return is in units of the condition's own reward.
+        The columns of `train.csv` (step, episode, return, success, ...) after those of the run. The
+        return is in units of the condition's own reward.
     """
     return _load(study, stages, "train.csv", ("step", "episode", "return", "success"))
 
@@ -89,12 +129,12 @@ def read_runs(configs, runs_dir, name="eval.csv", columns=EVAL_COLUMNS):
         if broken.any():
             line = frame.index[broken][0] + 2
             raise ValueError(f"{path}, line {line}: return or success is empty; delete the run")
-        frame.insert(0, "run", config.run_id)
-        frame.insert(1, "condition", config.condition)
-        frame.insert(2, "subject", config.subject)
-        frame.insert(3, "w_hf", config.w_hf)
-        frame.insert(4, "seed", config.seed)
-        frames.append(frame)
+        named = {
+            "run": config.run_id, "group": group_of(config), "person": person_of(config.subject),
+            "condition": config.condition, "subject": config.subject, "w_hf": config.w_hf,
+            "seed": config.seed,
+        }  # fmt: skip
+        frames.append(pd.DataFrame({**named, **frame}))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -110,3 +150,73 @@ def add_phase(runs, total_steps):
     """
     third = np.ceil(3 * runs["step"] / total_steps).clip(1, 3).astype(int) - 1
     return runs.assign(phase=pd.Categorical.from_codes(third, paper.PHASES, ordered=True))
+
+
+def late_scores(runs, total_steps):
+    """Average each run over the late phase: the score by which runs are compared.
+
+    Returns
+    -------
+    DataFrame
+        A row per run: run, group, person, subject, w_hf, seed and the metrics.
+    """
+    late = add_phase(runs, total_steps).query("phase == 'Late'")
+    keys = ["group", "person", "subject", "w_hf", "seed", "run"]
+    return late.groupby(keys)[list(METRICS)].mean().reset_index()
+
+
+def units(runs, metric):
+    """Arrange runs by what was drawn at random; see `statistics`.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        A row per run, with the column subject.
+    metric : str
+        Its column; runs without a value are left out.
+
+    Returns
+    -------
+    ndarray, shape (n_units, n_seeds)
+        A row per person in the order of their names, or per run where there is one person or none.
+        NaN where a person has fewer runs than another.
+    """
+    runs = runs.dropna(subset=metric)
+    if runs["subject"].nunique() < 2:
+        return runs[[metric]].to_numpy(float)
+    number = runs.groupby("subject").cumcount()
+    return (
+        runs.assign(number=number)
+        .pivot(index="subject", columns="number", values=metric)
+        .to_numpy(float)
+    )
+
+
+def unit_means(table):
+    """Average rows, one per run and indexed by subject (among others), over what was drawn.
+
+    Returns
+    -------
+    DataFrame
+        A row per person; the rows themselves where there is one person or none.
+    """
+    people = table.groupby(level="subject")
+    return people.mean() if people.ngroups > 1 else table
+
+
+def size(runs):
+    """Say how many runs there are, and of what, such as "12 people x 5 seeds" or "2 seeds"."""
+    people = runs["subject"].nunique()
+    seeds = runs["run"].nunique() // people
+    words = f"{seeds} seed{'s' * (seeds != 1)}"
+    return f"{people} people x {words}" if people > 1 else words
+
+
+def described(runs):
+    """Caption of figures: how many runs of what there are, and how their scatter is drawn."""
+    sizes = {group: size(chosen) for group, chosen in runs.groupby("group", sort=False)}
+    words = ", ".join(f"{label(group)} {sizes[group]}" for group in ordered(sizes))
+    return (
+        f"{words}; bands and bars: 95 % bootstrap intervals ({MIN_UNITS} people or seeds at least; "
+        "below, thin lines and dots are runs)"
+    )

@@ -1,15 +1,20 @@
-"""Figures of the policies: Fig. 4, Fig. 6 and what the paper leaves out (success, safety).
+"""Figures of the policies: Fig. 4, Fig. 6 and what the paper leaves out.
 
-Each function takes the table of `evaluations.load_runs`, draws, and returns axes or a figure.
+Each function takes the table of `evaluations.load_runs`, draws, and returns axes or a figure. Lines
+and diamonds are means over runs; bands and bars 95 % intervals (`statistics`). Where fewer than
+five people, or seeds of one, were drawn, the runs themselves are shown instead.
 """
+
+from itertools import cycle
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 
 from rlihf_lib.report import paper
-from rlihf_lib.report.evaluations import add_phase
-from rlihf_lib.report.statistics import bootstrap_interval
-from rlihf_lib.report.style import COLORS, COLUMN_WIDTH, LABELS, PAGE_WIDTH, note
+from rlihf_lib.report.evaluations import RANGES, UNBOUNDED, late_scores, size, unit_means
+from rlihf_lib.report.statistics import EQUIVALENCE_MARGIN, MIN_UNITS, mean_interval, spearman
+from rlihf_lib.report.style import COLUMN_WIDTH, PAGE_WIDTH, color, label, note, ordered, shades
 
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
@@ -21,19 +26,19 @@ AXIS_LABELS = {
     "collisions": "Collisions per episode",
     "min_clearance": "Minimum clearance (cm)",
 }
+THOUSANDS = "Training steps (thousands)"
 
 
 def learning_curve(runs, ax, metric="return", **line):
-    """Draw the mean over runs against training steps, with its 95 % bootstrap band.
+    """Draw the mean over runs against training steps, with its 95 % band or with the runs.
 
     Parameters
     ----------
     runs : DataFrame
-        Runs of one curve. A point is the mean over a run's rollouts; the band speaks about runs
-        (resampled within subjects) and is absent where no subject has two.
+        Runs of one curve, with the columns subject, run, step and `metric`. A point is the mean
+        over a run's rollouts.
     ax : matplotlib Axes
     metric : str
-        Column of `runs`.
     **line
         Passed to `Axes.plot`.
 
@@ -42,18 +47,25 @@ def learning_curve(runs, ax, metric="return", **line):
     matplotlib Axes
     """
     points = runs.groupby(["subject", "run", "step"])[metric].mean().unstack("step")
-    steps = points.columns.to_numpy() / 1000
-    ax.plot(steps, points.mean(axis=0), **line)
-    low, high = bootstrap_interval(points.to_numpy(), points.index.get_level_values("subject"))
-    ax.fill_between(steps, low, high, color=line.get("color"), alpha=0.18, linewidth=0)
+    steps, means = points.columns.to_numpy() / 1000, unit_means(points)
+    ax.plot(steps, means.mean(axis=0), **line)
+    if len(means) < MIN_UNITS:
+        ax.plot(steps, points.T, color=line.get("color"), alpha=0.45, linewidth=0.5)
+    else:
+        low, high = mean_interval(means, RANGES.get(metric, UNBOUNDED))
+        ax.fill_between(steps, low, high, color=line.get("color"), alpha=0.18, linewidth=0)
     return ax
 
 
-def condition_curve(runs, ax, condition, metric="return", **line):
-    """Draw the curve of one condition in its colour and dashes; see `learning_curve`."""
-    style = {"color": COLORS[condition], "linestyle": DASHES[condition], "label": LABELS[condition]}
-    chosen = runs[runs["condition"] == condition]
-    return learning_curve(chosen, ax, metric, **{**style, **line})
+def group_curve(runs, ax, group, metric="return", **line):
+    """Draw the curve of one group in its colour and dashes; see `learning_curve`."""
+    return learning_curve(
+        runs[runs["group"] == group], ax, metric, **{**_line(group), "label": label(group), **line}
+    )
+
+
+def _line(group):
+    return {"color": color(group), "linestyle": DASHES[group.split("-")[0]]}
 
 
 def mark_phases(ax, total_steps):
@@ -63,15 +75,15 @@ def mark_phases(ax, total_steps):
     return ax
 
 
-def figure_4(runs, subjects, total_steps, caption=""):
-    """Fig. 4: evaluation return against training steps, a panel per subject.
+def figure_4(runs, scores, total_steps, caption=""):
+    """Fig. 4: evaluation return against training steps, a panel per person and their mean.
 
     Parameters
     ----------
     runs : DataFrame
-        Runs of the main comparison. The baselines know no subject and are the same in every panel.
-    subjects : list of str
-        Decoded subjects, a panel each; grey where the profile trains no policy.
+        Runs of the main comparison. The baselines know no person and are the same in every panel.
+    scores : DataFrame
+        From `Study.scores`; people are sorted by the AUROC of their decoder, told in the title.
     total_steps : int
         Environment steps of training.
     caption : str
@@ -81,44 +93,32 @@ def figure_4(runs, subjects, total_steps, caption=""):
     -------
     matplotlib Figure
     """
-    columns = min(4, len(subjects))
-    rows = -(-len(subjects) // columns)
+    people = scores[scores["subject"].isin(runs["subject"])]
+    people = people.sort_values("auroc", ascending=False)
+    titles = {row.subject: f"{row.subject}, AUROC {row.auroc:.2f}" for row in people.itertuples()}
+    n = len(titles) + 1
+    columns = min(n, 5 if n > 8 else 4)
+    rows = -(-n // columns)
     fig, axes = plt.subplots(
-        rows,
-        columns,
-        figsize=(PAGE_WIDTH, 0.5 + 1.35 * rows),
-        sharex=True,
-        sharey=True,
+        rows, columns, figsize=(PAGE_WIDTH, 0.6 + 1.25 * rows), sharex=True, sharey=True,
         squeeze=False,
-    )
-    first = None
-    for ax, subject in zip(axes.flat, subjects, strict=False):
-        of_subject = runs[(runs["subject"] == "") | (runs["subject"] == subject)]
-        ax.set_title(subject)
+    )  # fmt: skip
+    panels = [*titles.items(), (None, "mean over people")]
+    for ax, (person, title) in zip(axes.flat, panels, strict=False):
+        shown = runs if person is None else runs[runs["subject"].isin(["", person])]
+        ax.set_title(title, fontsize=7.5, fontweight="bold" if person is None else None)
         mark_phases(ax, total_steps)
-        if subject not in set(runs["subject"]):
-            ax.set_facecolor("#F2F2F2")
-            ax.text(
-                0.5,
-                0.5,
-                "not run in\nthis profile",
-                transform=ax.transAxes,
-                ha="center",
-                va="center",
-                color="#767676",
-                fontsize=7,
-            )
-            continue
-        for condition in paper.CONDITIONS:
-            condition_curve(of_subject, ax, condition)
-        first = first or ax
-    for ax in axes.flat[len(subjects) :]:
+        for group in paper.CONDITIONS:
+            group_curve(shown, ax, group)
+    for ax in axes.flat[n:]:
         ax.set_visible(False)
-    fig.supylabel(AXIS_LABELS["return"], fontsize=8)
-    handles, labels = first.get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside upper center", ncols=3)
+    for ax in axes.flat[max(n - columns, 0) : n]:
+        ax.tick_params(labelbottom=True)
     for ax in axes[-1]:
         ax.set_xlabel("Steps (thousands)")
+    fig.supylabel(AXIS_LABELS["return"], fontsize=8)
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside upper center", ncols=3)
     note(fig, caption)
     return fig
 
@@ -131,6 +131,7 @@ def figure_6(runs, weights, total_steps, metric="return", ax=None):
     runs : DataFrame
         Runs of the ablation and of both baselines.
     weights : sequence of float
+        Any number; darker is heavier.
     total_steps : int
     metric : str
     ax : matplotlib Axes, optional
@@ -139,23 +140,19 @@ def figure_6(runs, weights, total_steps, metric="return", ax=None):
     -------
     matplotlib Axes
     """
-    ax = ax or plt.figure(figsize=(COLUMN_WIDTH, 2.4)).subplots()
+    ax = ax or plt.figure(figsize=(COLUMN_WIDTH, 2.6)).subplots()
     mark_phases(ax, total_steps)
-    for condition in ("sparse", "dense"):
-        condition_curve(runs, ax, condition, metric)
-    markers = ("o", "s", "^", "D", "v")
-    for weight, marker in zip(weights, markers, strict=False):
-        chosen = runs[(runs["condition"] == "rlihf") & np.isclose(runs["w_hf"], weight)]
+    for group in ("sparse", "dense"):
+        group_curve(runs, ax, group, metric)
+    rlihf = runs[runs["group"] == "rlihf"]
+    for weight, shade, marker in zip(
+        sorted(weights), shades(len(weights)), cycle("os^Dv"), strict=False
+    ):
         learning_curve(
-            chosen,
-            ax,
-            metric,
-            color=COLORS[f"w{weight:g}"],
-            marker=marker,
-            markersize=3,
-            label=f"RLIHF, $w_{{hf}}$ = {weight:g}",
-        )
-    ax.set(xlabel="Training steps (thousands)", ylabel=AXIS_LABELS[metric])
+            rlihf[np.isclose(rlihf["w_hf"], weight)], ax, metric, color=shade, marker=marker,
+            markersize=3, label=f"RLIHF, $w_{{hf}}$ = {weight:g}",
+        )  # fmt: skip
+    ax.set(xlabel=THOUSANDS, ylabel=AXIS_LABELS[metric])
     return ax
 
 
@@ -177,22 +174,22 @@ def training_figure(runs, training, condition, total_steps, caption=""):
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.0))
     for _, episodes in training.groupby("run"):
         axes[0].plot(
-            episodes["step"] / 1000, episodes["return"], color=COLORS[condition], alpha=0.5, lw=0.8
+            episodes["step"] / 1000, episodes["return"], color=color(condition), alpha=0.5, lw=0.8
         )
-    axes[0].set_ylabel(f"Training return ({LABELS[condition]})")
+    axes[0].set_ylabel(f"Training return ({label(condition)})")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):
-        condition_curve(runs, ax, condition, metric)
+        group_curve(runs, ax, condition, metric)
         ax.set_ylabel(AXIS_LABELS[metric])
     axes[2].set_ylim(-0.03, 1.03)
     for ax in axes:
         mark_phases(ax, total_steps)
-        ax.set_xlabel("Training steps (thousands)")
+        ax.set_xlabel(THOUSANDS)
     note(fig, caption)
     return fig
 
 
-def success_figure(runs, total_steps, caption=""):
-    """Success rate and path efficiency of the three conditions against training steps.
+def success_figure(runs, total_steps, caption="", groups=paper.CONDITIONS):
+    """Success rate, path efficiency and deviation of several groups against training steps.
 
     Returns
     -------
@@ -201,12 +198,12 @@ def success_figure(runs, total_steps, caption=""):
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.1))
     for ax, metric in zip(axes, paper.METRICS, strict=True):
         mark_phases(ax, total_steps)
-        for condition in paper.CONDITIONS:
-            condition_curve(runs, ax, condition, metric)
-        ax.set(ylabel=AXIS_LABELS[metric], xlabel="Training steps (thousands)")
+        for group in groups:
+            group_curve(runs, ax, group, metric)
+        ax.set(ylabel=AXIS_LABELS[metric], xlabel=THOUSANDS)
         ax.set_ylim(bottom=0)
     axes[0].set_ylim(-0.03, 1.03)
-    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     note(fig, caption)
     return fig
 
@@ -218,52 +215,107 @@ def safety_figure(runs, total_steps, caption=""):
     -------
     matplotlib Figure
     """
-    late = add_phase(runs, total_steps).query("phase == 'Late'")
-    per_run = late.groupby(["condition", "subject", "run"])[["collisions", "min_clearance"]].mean()
-    per_run["min_clearance"] *= 100  # m to cm
+    late = late_scores(runs, total_steps).set_index(["group", "subject"])
+    late["min_clearance"] *= 100  # m to cm
     fig, axes = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, 1.9))
     rng = np.random.default_rng(0)
-    for ax, metric in zip(axes, per_run.columns, strict=True):
-        for position, condition in enumerate(paper.CONDITIONS):
-            scores = per_run.loc[condition, metric].dropna()
-            color = COLORS[condition]
+    for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
+        for position, group in enumerate(paper.CONDITIONS):
+            scores, style = late.loc[group, metric].dropna(), {"color": color(group)}
             jitter = position + rng.uniform(-0.12, 0.12, len(scores))
-            ax.plot(jitter, scores, "o", color=color, markersize=3, alpha=0.45)
-            low, high = bootstrap_interval(scores, scores.index.get_level_values("subject"))
-            ax.vlines(position + 0.25, low, high, color=color)
-            ax.plot(position + 0.25, scores.mean(), "D", color=color, markersize=4)
+            ax.plot(jitter, scores, "o", **style, markersize=3, alpha=0.45, markeredgewidth=0)
+            means = unit_means(scores)
+            low, high = mean_interval(means, RANGES.get(metric, UNBOUNDED))
+            ax.vlines(position + 0.25, low, high, **style)
+            ax.plot(position + 0.25, means.mean(), "D", **style, markersize=4)
         ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
-        ax.set_xticks(range(3), [LABELS[c].removeprefix("RL ") for c in paper.CONDITIONS])
-        ax.set_ylim(0, 1.1 * per_run[metric].max() or 1)
+        ax.set_xticks(range(3), [label(group).removeprefix("RL ") for group in paper.CONDITIONS])
+        ax.set_ylim(0, 1.1 * late[metric].max() or 1)
     note(fig, caption)
     return fig
 
 
-def decoder_policy_figure(table, ax=None, caption=""):
-    """Does a better decoder give a better policy? Late success against AUROC, a point a subject.
+def comparison_figure(runs, table, total_steps, caption=""):
+    """Performance profiles of late success, and how likely a run of RLIHF beats one of another.
 
     Parameters
     ----------
+    runs : DataFrame
+        Of the groups whose profiles are drawn: the share of runs with a score above each threshold
+        (Agarwal et al. 2021).
     table : DataFrame
-        From `tables.subject_table`.
-    ax : matplotlib Axes, optional
+        From `tables.comparison_table`.
+    total_steps : int
     caption : str
 
     Returns
     -------
-    matplotlib Axes
+    matplotlib Figure
     """
-    ax = ax or plt.figure(figsize=(COLUMN_WIDTH, 2.1)).subplots()
-    ax.vlines(
-        table["auroc"], table["success_ci_low"], table["success_ci_high"], color=COLORS["rlihf"]
+    late, taus = late_scores(runs, total_steps), np.linspace(0, 1, 101)
+    fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), width_ratios=[1.2, 1])
+    for group in ordered(late["group"]):
+        chosen = late[late["group"] == group].set_index("subject")
+        above = pd.DataFrame(chosen[["success"]].to_numpy() > taus, chosen.index, dtype=float)
+        shares = unit_means(above)
+        name = f"{label(group)} ({size(chosen.reset_index())})"
+        left.step(taus, shares.mean(), where="post", label=name, **_line(group))
+        low, high = mean_interval(shares, (0, 1))
+        left.fill_between(taus, low, high, step="post", color=color(group), alpha=0.18, lw=0)
+    left.set(xlabel=r"Late success rate $\tau$", ylabel=r"Share of runs above $\tau$")
+    left.set(xlim=(-0.02, 1.02), ylim=(-0.03, 1.03))
+    fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    rows = table[table["metric"] == "success"][::-1]
+    style = {"color": color("rlihf")}
+    right.hlines(range(len(rows)), rows["improvement_low"], rows["improvement_high"], **style)
+    right.plot(rows["improvement"], range(len(rows)), "D", markersize=4, **style)
+    right.axvline(0.5, color="#767676", linewidth=0.8, linestyle=":")
+    right.set_yticks(range(len(rows)), rows["comparison"].str.replace(" - ", " > "))
+    right.set(xlim=(-0.03, 1.03), ylim=(-0.6, len(rows) - 0.4))
+    right.set_xlabel("P(improvement) in late success")
+    note(fig, caption)
+    return fig
+
+
+def decoder_policy_figure(runs, table, total_steps, caption=""):
+    """Does a better decoder give a better policy? Late success against AUROC, a point a person.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Each of RLIHF's is a small dot.
+    table : DataFrame
+        From `tables.subject_table`. People are named whose policies stay behind dense reward by
+        more than `statistics.EQUIVALENCE_MARGIN`.
+    total_steps : int
+    caption : str
+
+    Returns
+    -------
+    matplotlib Figure
+        The title holds Spearman's correlation, its interval and p.
+    """
+    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.5))
+    style = {"color": color("rlihf")}
+    late = (
+        late_scores(runs, total_steps).query("group == 'rlihf'").merge(table[["subject", "auroc"]])
     )
-    ax.plot(table["auroc"], table["success"], "o", color=COLORS["rlihf"], label=LABELS["rlihf"])
-    for row in table.itertuples():
-        ax.annotate(row.subject, (row.auroc, row.success), (4, 4), textcoords="offset points")
-    dense = (table["success"] - table["success_minus_dense"]).iloc[0]
-    ax.axhline(dense, color=COLORS["dense"], linestyle=DASHES["dense"], label=LABELS["dense"])
-    ax.set(xlabel="AUROC of the held-out subject", ylabel="Success rate, late phase")
+    ax.plot(late["auroc"], late["success"], "o", **style, ms=3, alpha=0.35, mew=0)
+    ax.vlines(table["auroc"], table["success_low"], table["success_high"], **style)
+    ax.plot(table["auroc"], table["success"], "D", **style, ms=4, label=label("rlihf"))
+    for row in table[table["success"] < table["dense"] - EQUIVALENCE_MARGIN].itertuples():
+        ax.annotate(
+            row.subject, (row.auroc, row.success), (4, 4), textcoords="offset points", fontsize=7
+        )
+    ax.axhline(table["dense"].iloc[0], **_line("dense"), label=label("dense"))
+    r = spearman(table["auroc"], table["success"])
+    spread = "no interval" if np.isnan(r["ci_low"]) else f"[{r['ci_low']:.2f}, {r['ci_high']:.2f}]"
+    ax.set_title(
+        rf"Spearman's $\rho$ = {r['rho']:.2f}, {spread}, n = {r['n']}"
+        f"\np = {r['p']:.2g} (smallest possible: {r['smallest_p']:.2g})"
+    )
+    ax.set(xlabel="AUROC of the held-out person", ylabel="Success rate, late phase")
     ax.set(ylim=(-0.05, 1.05))
     ax.legend(loc="best")
-    note(ax.figure, caption)
-    return ax
+    note(fig, caption)
+    return fig

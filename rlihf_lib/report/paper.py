@@ -36,14 +36,14 @@ def table_1():
     Returns
     -------
     DataFrame
-        Columns phase, condition, metric, paper_mean, paper_sd; 27 rows.
+        Columns phase, group, metric, paper_mean, paper_sd; 27 rows.
     """
     return pd.DataFrame(
         [
-            (phase, condition, metric, *values)
-            for phase, conditions in _TABLE_I.items()
-            for condition, cells in conditions.items()
+            (phase, group, metric, *values)
+            for phase, groups in _TABLE_I.items()
+            for group, cells in groups.items()
             for metric, values in zip(METRICS, cells, strict=True)
         ],
-        columns=["phase", "condition", "metric", "paper_mean", "paper_sd"],
+        columns=["phase", "group", "metric", "paper_mean", "paper_sd"],
     )

@@ -1,11 +1,14 @@
-"""How figures look, where they are saved, and the manifest that says what each was drawn from."""
+"""How figures and tables look, where they are saved, and what each figure was drawn from."""
 
 import json
+import textwrap
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
+import pandas as pd
 
-from rlihf_lib.files import atomic_path, sha256, write_text
+from rlihf_lib.files import atomic_path, sha256, write_csv, write_text
 from rlihf_lib.task.rendering import film
 
 # Okabe & Ito (2008), "Color Universal Design": told apart with every common colour blindness.
@@ -18,11 +21,25 @@ COLORS = {
     "pretrain": "#F0E442",  # the paper's Fig. 5: yellow and orange bars
     "online": "#E69F00",
     "ideal": "#000000",
-    "w0.1": "#56B4E9",
-    "w0.4": "#009E73",
-    "w0.7": "#D55E00",
+    "rlihf-ideal": "#000000",
+    "rlihf-mean": "#CC79A7",
+    "rlihf-shuffled": "#E69F00",
+    "rlihf-lay": "#882255",
+    "sparse-patience1000-discount0.98": "#009E73",
+    "sparse-patience1000-discount0.99": "#56B4E9",
 }
-LABELS = {"sparse": "RL sparse", "dense": "RL dense", "rlihf": "RLIHF"}
+#: Every name under which runs are compared (`evaluations.group_of`), as people read it.
+LABELS = {
+    "sparse": "RL sparse",
+    "dense": "RL dense",
+    "rlihf": "RLIHF",
+    "sparse-patience1000-discount0.98": "RL sparse, tuned (0.98)",
+    "sparse-patience1000-discount0.99": "RL sparse, tuned (0.99)",
+    "rlihf-ideal": "RLIHF, ideal p",
+    "rlihf-mean": "RLIHF, constant p",
+    "rlihf-shuffled": "RLIHF, shuffled p",
+    "rlihf-lay": "RLIHF, lay observer",
+}
 
 # Inches of a two-column conference page (ieeeconf, letter).
 COLUMN_WIDTH = 3.4
@@ -55,6 +72,32 @@ RC = {
 }
 
 
+def label(group):
+    """Return how people read a group's name; the name itself where there is no other."""
+    return LABELS.get(group, group)
+
+
+def color(group):
+    """Return a group's colour, the same in every figure; dark grey where it has none."""
+    return COLORS.get(group, "#444444")
+
+
+def ordered(groups):
+    """Sort groups for tables and figures: as in `LABELS`, the paper's first, unknown ones last."""
+    known = list(LABELS)
+    return sorted(set(groups), key=lambda g: (known.index(g) if g in known else len(known), g))
+
+
+def shades(n):
+    """Return `n` colours, light to dark: told apart in every colour vision and in grey."""
+    return list(mpl.colormaps["inferno"](np.linspace(0.75, 0.2, n)))
+
+
+LATEX = str.maketrans(
+    {"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "<": "$<$", ">": "$>$", "·": r"$\cdot$"}
+)
+
+
 def use_style():
     """Set Matplotlib's defaults for a two-column paper."""
     mpl.rcParams.update(RC)
@@ -73,8 +116,9 @@ def caption(study, n=""):
 
 
 def note(fig, text):
-    """Write `text` small and grey under a figure."""
-    fig.supxlabel(text, fontsize=6, color="#555555")
+    """Write `text` small and grey under a figure, in lines of its width."""
+    lines = textwrap.fill(text, int(23 * fig.get_figwidth()))
+    fig.supxlabel(lines, fontsize=6, color="#555555")
 
 
 def save_figure(fig, study, name, notebook, sources=()):
@@ -130,6 +174,72 @@ def save_film(recording, study, name, notebook, sources):
         return None
     _enter(study, name, notebook, hashes)
     return path
+
+
+def save_table(study, name, table, shown=None, says=""):
+    """Write a table as `tables/<name>.csv` and, as people read it, as Markdown and as LaTeX.
+
+    Parameters
+    ----------
+    study : Study
+    name : str
+    table : DataFrame
+        All numbers, in full precision.
+    shown : DataFrame, optional
+        What Markdown and LaTeX show; `table` if None. Where its index changes, a line is drawn.
+    says : str
+        What the numbers are, after what every caption says.
+
+    Returns
+    -------
+    DataFrame
+        What was shown.
+    """
+    shown = table if shown is None else shown
+    write_csv(study.tables / f"{name}.csv", table)
+    texts = typeset(shown, " · ".join(filter(None, [caption(study), says])))
+    for suffix, text in texts.items():
+        write_text(study.tables / f"{name}{suffix}", text)
+    return shown
+
+
+def typeset(shown, says):
+    """Return a table as Markdown (".md") and as LaTeX with booktabs' lines (".tex").
+
+    Parameters
+    ----------
+    shown : DataFrame
+        Of strings or numbers. A named block of rows has its name in the index.
+    says : str
+        The caption.
+    """
+    n = len(shown.columns)
+    named = pd.api.types.is_string_dtype(shown.index)
+    header, *rows = [
+        ["" if pd.isna(cell) else str(cell) for cell in row]
+        for row in (shown.columns, *shown.itertuples(index=False))
+    ]
+
+    def plain(cells):
+        return "| " + " | ".join(cells) + " |"
+
+    def latex(cells):
+        return " & ".join(cell.translate(LATEX) for cell in cells) + r" \\"
+
+    markdown = [says, "", plain(header), plain(["---"] * n)]
+    tabular = [latex(header), r"\midrule"]
+    for i, row in enumerate(rows):
+        if named and i and shown.index[i] != shown.index[i - 1]:
+            block = shown.index[i]
+            markdown.append(plain([f"*{block}*"] + [""] * (n - 1)))
+            tabular += [r"\midrule", rf"\multicolumn{{{n}}}{{l}}{{\emph{{{block}}}}} \\"]
+        markdown.append(plain(row))
+        tabular.append(latex(row))
+    start = [r"\begin{table*}[t]", r"\centering", rf"\caption{{{says.translate(LATEX)}}}"]
+    start += [rf"\begin{{tabular}}{{{'l' * n}}}", r"\toprule"]
+    end = [r"\bottomrule", r"\end{tabular}", r"\end{table*}"]
+    lines = {".md": markdown, ".tex": [*start, *tabular, *end]}
+    return {suffix: "\n".join([*text, ""]) for suffix, text in lines.items()}
 
 
 def _hashes(name, study, sources):

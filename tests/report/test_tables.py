@@ -1,52 +1,26 @@
-"""Tables and figures from small hand-made runs."""
+"""Tables from small hand-made runs."""
 
 import json
 
-import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import figures_policy, paper, tables
-from rlihf_lib.report.evaluations import add_phase, load_runs
-from rlihf_lib.report.style import save_figure
-from rlihf_lib.study import Study
+from rlihf_lib.report import paper, tables
+from rlihf_lib.report.evaluations import (
+    add_phase,
+    described,
+    group_of,
+    late_scores,
+    load_runs,
+    person_of,
+    size,
+    units,
+)  # fmt: skip
+from rlihf_lib.report.style import label, ordered, save_table, typeset
+from rlihf_lib.rl.config import RunConfig, SACSettings
 
-matplotlib.use("agg")
-
-
-@pytest.fixture
-def study(tmp_path):
-    """A smoke study whose runs are made by hand: success 0, 1 and 0.5 after the first third."""
-    study = Study("smoke", out=tmp_path)
-    study.decoder.mkdir(parents=True)
-    scores = pd.DataFrame({"subject": ["s02", "s03", "s04"], "auroc": [0.9, 0.7, 0.8]})
-    scores = scores.assign(accuracy_online=0.8, balanced_accuracy=0.75)
-    scores.to_csv(study.decoder / "scores.csv", index=False)
-    table = pd.DataFrame({"subject": ["s02", "s03", "s04"], "epoch": 0, "label": 1, "p_error": 0.6})
-    table.to_csv(study.decoder / "p_error.csv", index=False)
-    level = {"sparse": 0.0, "dense": 1.0, "rlihf": 0.5}
-    for stage in ("sparse", "dense", "ablation"):
-        for config in study.run_configs(stage):
-            rows = [
-                {
-                    "step": step,
-                    "rollout": rollout,
-                    "return": 10.0 * step / 1000,
-                    "success": float(step > 1000 and rollout < 2 * level[config.condition]),
-                    "path_efficiency": 0.5,
-                    "path_deviation": 0.25,
-                    "collisions": rollout,
-                    "min_clearance": 0.03,
-                }
-                for step in (0, 1000, 2000, 3000)
-                for rollout in (0, 1)
-            ]
-            folder = study.runs / config.run_id
-            folder.mkdir(parents=True)
-            pd.DataFrame(rows).to_csv(folder / "eval.csv", index=False)
-            (folder / "config.json").write_text(json.dumps({"hash": config.hash}))
-    return study
+T = 3000
 
 
 def test_phases_are_the_thirds_of_training():
@@ -55,8 +29,48 @@ def test_phases_are_the_thirds_of_training():
     assert phases == ["Early", "Early", "Early", "Mid", "Mid", "Late", "Late"]
 
 
+@pytest.mark.parametrize(
+    ("condition", "subject", "other", "group", "shown"),
+    [
+        ("sparse", "", {}, "sparse", "RL sparse"),
+        ("dense", "", {}, "dense", "RL dense"),
+        ("rlihf", "s02", {"w_hf": 0.4}, "rlihf", "RLIHF"),
+        ("rlihf", "ideal", {"w_hf": 0.7}, "rlihf-ideal", "RLIHF, ideal p"),
+        ("rlihf", "s02-mean", {"w_hf": 0.7}, "rlihf-mean", "RLIHF, constant p"),
+        ("rlihf", "s02-shuffled", {"w_hf": 0.7}, "rlihf-shuffled", "RLIHF, shuffled p"),
+        ("rlihf", "s02", {"w_hf": 0.7, "observer": "lay"}, "rlihf-lay", "RLIHF, lay observer"),
+        (
+            "sparse", "", {"patience": 1000, "sac": SACSettings(discount=0.99)},
+            "sparse-patience1000-discount0.99", "RL sparse, tuned (0.99)",
+        ),
+        ("dense", "", {"patience": 50}, "dense-patience50", "dense-patience50"),
+    ],
+)  # fmt: skip
+def test_a_run_is_compared_as_what_its_config_says(condition, subject, other, group, shown):
+    config = RunConfig(condition, 3, T, 1000, subject=subject, **other)
+    assert group_of(config) == group
+    assert label(group) == shown
+
+
+def test_whose_feedback_a_run_drew_on():
+    subjects = ("s02", "s02-mean", "s02-shuffled", "ideal", "", "sub-01")
+    assert [person_of(s) for s in subjects] == ["s02", "s02", "s02", "", "", "sub-01"]
+
+
+def test_units_are_people_or_else_seeds(runs):
+    late = late_scores(runs, T)
+    assert units(late.query("group == 'rlihf'"), "success").shape == (12, 5)
+    assert units(late.query("subject == 's05'"), "success").shape == (5, 1)
+    assert units(late.query("group == 'dense'"), "success").shape == (5, 1)
+    assert size(late.query("group == 'rlihf'")) == "12 people x 5 seeds"
+    assert size(late.query("subject == 's05' and seed == 0")) == "1 seed"
+    unequal = late.query("subject in ('s05', 's06')").iloc[:-1]
+    assert np.isnan(units(unequal, "success")).sum() == 1
+    assert described(runs).startswith("RL sparse 5 seeds, RL dense 5 seeds, RLIHF 12 people x 5")
+
+
 def test_table_1_holds_our_means_beside_the_papers(study):
-    table = tables.table_1(load_runs(study), 3000).set_index(["phase", "condition", "metric"])
+    table = tables.table_1(load_runs(study), T).set_index(["phase", "group", "metric"])
     assert len(table) == 27
     assert table.loc[("Late", "dense", "success"), "mean"] == 1.0
     assert table.loc[("Late", "rlihf", "success"), "mean"] == 0.5
@@ -67,6 +81,126 @@ def test_table_1_holds_our_means_beside_the_papers(study):
     shown = tables.show_table_1(table.reset_index())
     assert list(shown["method"][:3]) == ["RL sparse", "RL dense", "RLIHF"]
     assert shown["success, paper"].iloc[-1] == "0.39 ± 0.39"
+    assert set(shown["n"]) == {"1 seed, no interval"}
+    assert not shown["success"].str.contains("[", regex=False).any()
+
+
+def test_summary_of_the_papers_size_is_of_runs_by_hand(runs):
+    table = tables.late_table(runs, T).set_index(["group", "metric"])
+    assert table.index.get_level_values("group").unique().tolist() == ["sparse", "dense", "rlihf"]
+    row = table.loc[("rlihf", "success")]
+    points = runs.query("group == 'rlihf' and step == 3000")["success"]
+    assert row["mean"] == pytest.approx(points.mean())
+    assert row["sd"] == pytest.approx(np.std(points, ddof=1)), "sample standard deviation"
+    assert row["ci_low"] < row["mean"] < row["ci_high"]
+    assert row["iqm_low"] < row["iqm"] < row["iqm_high"]
+    assert (row["n"], row["n_runs"], row["n_points"]) == ("12 people x 5 seeds", 60, 60)
+    shown = tables.show_summary(table.reset_index(), ["group"], ["success", "iqm success"])
+    assert shown["group"].tolist() == ["RL sparse", "RL dense", "RLIHF"]
+    assert shown["success"].str.fullmatch(r"0\.\d\d ± 0\.\d\d \[0\.\d\d, 0\.\d\d\]").all()
+
+
+def test_supplementary_conditions_stand_below_a_line_without_the_papers_numbers(runs, supplement):
+    table = tables.table_1(pd.concat([runs, supplement]), T)
+    assert len(table) == 27 + 4 * 9
+    assert table["paper_mean"].iloc[:27].notna().all() and table["paper_mean"][27:].isna().all()
+    shown = tables.show_table_1(table)
+    assert shown.index.tolist() == ["as in the paper"] * 9 + ["supplementary"] * 12
+    assert shown["method"].tolist()[9:13] == [
+        "RL sparse, tuned (0.98)", "RLIHF, ideal p", "RLIHF, constant p", "RLIHF, shuffled p",
+    ]  # fmt: skip
+    assert shown["success, paper"].tolist()[9:] == [""] * 12
+    texts = typeset(shown, "five seeds")
+    lines = texts[".md"].splitlines()
+    assert lines[4 + 9].startswith("| *supplementary* |")
+    assert {line.count("|") for line in lines[2:]} == {len(shown.columns) + 1}
+
+
+def test_latex_is_escaped_and_has_booktabs_lines(study):
+    shown = pd.DataFrame({"a_b": ["1 ± 2", None], "p": [0.5, 1]}, index=["in", "out"])
+    save_table(study, "small", shown, says="95 % of n")
+    tex = (study.tables / "small.tex").read_text()
+    assert r"a\_b & p \\" in tex and r"1 ± 2 & 0.5 \\" in tex and r" & 1.0 \\" in tex
+    assert [tex.count(rf"\{line}rule") for line in ("top", "mid", "bottom")] == [1, 2, 1]
+    assert r"\caption{simulated EEG $\cdot$ profile smoke $\cdot$ 95 \% of n}" in tex
+    assert r"\multicolumn{2}{l}{\emph{out}}" in tex
+    markdown = (study.tables / "small.md").read_text()
+    assert markdown.startswith("simulated EEG · profile smoke · 95 % of n\n\n| a_b | p |\n| --- |")
+    assert pd.read_csv(study.tables / "small.csv")["p"].tolist() == [0.5, 1]
+
+
+def test_rlihf_is_compared_with_baselines_over_people_and_seeds(runs):
+    table = tables.comparison_table(runs, T).set_index(["comparison", "metric"])
+    row = table.loc[("RLIHF - RL dense", "success")]
+    late = late_scores(runs, T).groupby("group")["success"].mean()
+    assert row["difference"] == pytest.approx(late["rlihf"] - late["dense"])
+    assert row["n"] == "12 people x 5 seeds and 5 seeds"
+    assert row["smallest_p"] == pytest.approx(2 / 6188)
+    assert row["smallest_p_holm"] == pytest.approx(8 * 2 / 6188) and len(table) == 8
+    assert (table["p"] >= table["smallest_p"]).all() and (table["p_holm"] >= table["p"]).all()
+    assert row["ci_low"] <= row["difference"] <= row["ci_high"] < 0
+    assert row["p_equivalent"] > 0.9 and table["p_equivalent"].notna().sum() == 1
+    sparse = table.loc[("RLIHF - RL sparse", "success")]
+    assert sparse["p"] == sparse["smallest_p"] and sparse["improvement"] == 1
+    deviation = table.loc[("RLIHF - RL sparse", "path_deviation")]
+    assert deviation["difference"] < 0 and deviation["improvement"] == 1, "less is better"
+    shown = tables.show_comparison(table.reset_index())
+    assert shown.loc[1, "p"].endswith(" (0.00032)") and shown.loc[0, "p, equivalent"] == ""
+
+
+def test_controls_are_compared_with_the_same_persons_runs(runs, supplement):
+    everything = pd.concat([runs, supplement])
+    others = ordered(supplement["group"])
+    table = tables.comparison_table(everything, T, others, ("success",)).set_index("comparison")
+    row = table.loc["RLIHF - RLIHF, constant p"]
+    own = late_scores(runs, T).query("subject == 's08'")["success"].mean()
+    control = late_scores(supplement, T).query("subject == 's08-mean'")["success"].mean()
+    assert row["difference"] == pytest.approx(own - control)
+    assert row["n"] == "5 seeds and 5 seeds" and row["smallest_p"] == 2 / 252
+    assert table.loc["RLIHF - RLIHF, ideal p", "n"] == "12 people x 5 seeds and 5 seeds"
+
+
+def test_weights_are_paired_over_people(weighed):
+    table = tables.weight_comparison(weighed, T).set_index(["metric", "comparison"])
+    row = table.loc[("success", "0.7 - 0.1")]
+    means = late_scores(weighed, T).groupby("w_hf")["success"].mean()
+    assert row["difference"] == pytest.approx(means[0.7] - means[0.1])
+    assert row["n"] == "12 people, paired" and row["smallest_p"] == 2 / 4096
+    assert row["p"] == 2 / 4096 and row["p_holm"] <= 6 * 2 / 4096
+    one = tables.weight_comparison(weighed.query("subject == 's05'"), T)
+    assert set(one["smallest_p"]) == {2 / 252}
+
+
+def test_every_person_is_compared_with_dense_reward(runs, scores):
+    table = tables.subject_table(runs, scores, T)
+    assert table["subject"].tolist() == scores["subject"].tolist()
+    first = table.iloc[0]
+    late = late_scores(runs, T)
+    own = late.query("subject == 's02'")["success"].mean()
+    dense = late.query("group == 'dense'")["success"].mean()
+    assert first["difference"] == pytest.approx(own - dense)
+    assert first["p"] == first["smallest_p"] == 2 / 252
+    assert set(table["smallest_p_holm"]) == {12 * 2 / 252}, "cannot reach .05 after correction"
+    assert set(table["smallest_p_equivalent"]) == {1 / 252}
+    correlation = tables.correlation_table(table).set_index("metric")
+    assert correlation.loc["success", "rho"] > 0.9 and correlation.loc["success", "p"] < 0.001
+
+
+def test_a_study_of_one_run_each_proves_nothing_and_says_so(study):
+    runs = load_runs(study, ("sparse", "dense", "ablation"))
+    late = tables.late_table(runs, T, ["group", "w_hf"]).query("metric == 'return'")
+    assert late["w_hf"].tolist() == [0.0, 0.0, 0.1, 0.4, 0.7]
+    assert set(late["mean"]) == {30.0} and late["ci_low"].isna().all()
+    main = load_runs(study)
+    by_subject = tables.subject_table(main, study.scores(), T)
+    assert by_subject["subject"].tolist() == ["s04"]
+    assert by_subject["difference"].tolist() == [-0.5]
+    comparison = tables.comparison_table(main, T).set_index(["comparison", "metric"])
+    assert comparison.loc[("RLIHF - RL sparse", "success"), "difference"] == 0.5
+    weights = tables.weight_comparison(runs, T)
+    for table in (by_subject, comparison, weights):
+        assert set(table["p"]) == set(table["smallest_p"]) == {1.0}
+        assert table["ci_low"].isna().all() and table["n"].str.endswith("no interval").all()
 
 
 def test_a_missing_or_foreign_run_is_named(study):
@@ -91,55 +225,6 @@ def test_the_policy_subject_of_smoke_is_the_median_decoder(study):
     assert [config.subject for config in study.run_configs("rlihf")] == ["s04"]
 
 
-def test_companion_tables(study):
-    runs = load_runs(study, ("sparse", "dense", "ablation"))
-    weights = tables.weight_table(runs, 3000).query("metric == 'return'")
-    assert sorted(weights["w_hf"]) == [0.0, 0.0, 0.1, 0.4, 0.7]
-    assert set(weights["mean"]) == {30.0}
-    main = load_runs(study)
-    scores = pd.read_csv(study.decoder / "scores.csv")
-    by_subject = tables.subject_table(main, scores, 3000)
-    assert by_subject["subject"].tolist() == ["s04"]
-    assert by_subject["success_minus_dense"].tolist() == [-0.5]
-    comparison = tables.comparison_table(main, 3000).set_index(["comparison", "metric"])
-    assert comparison.loc[("RLIHF - RL sparse", "success"), "difference"] == 0.5
-    assert set(comparison["p"]) == {1.0}, "one pair proves nothing"
-
-
-def test_figure_4_has_a_panel_per_subject_and_says_where_nothing_was_run(study):
-    runs = load_runs(study)
-    fig = figures_policy.figure_4(runs, ["s02", "s03", "s04"], 3000)
-    panels = {ax.get_title(): ax for ax in fig.axes}
-    assert set(panels) == {"s02", "s03", "s04"}
-    lines = {line.get_label(): line for line in panels["s04"].lines}
-    assert {"RL sparse", "RL dense", "RLIHF"} <= set(lines)
-    assert np.allclose(lines["RLIHF"].get_ydata(), [0, 10, 20, 30])
-    assert np.allclose(lines["RLIHF"].get_xdata(), [0, 1, 2, 3])
-    assert "not run" in panels["s02"].texts[0].get_text()
-
-
-def test_figure_6_draws_every_weight_and_the_baselines(study):
-    runs = load_runs(study, ("sparse", "dense", "ablation"))
-    ax = figures_policy.figure_6(runs, study.profile.weights, 3000)
-    labels = [text for text in ax.get_legend_handles_labels()[1]]
-    assert labels[:2] == ["RL sparse", "RL dense"] and len(labels) == 5
-    assert "(thousands)" in ax.get_xlabel()
-
-
-def test_saved_figures_say_what_they_were_drawn_from(study):
-    fig = figures_policy.safety_figure(load_runs(study), 3000)
-    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
-    before = (study.figures / "safety.pdf").read_bytes()
-    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
-    assert (study.figures / "safety.pdf").read_bytes() == before, "equal data, equal file"
-    assert (study.figures / "safety.png").stat().st_size > 1000
-    entry = json.loads((study.figures / "manifest.json").read_text())["safety"]
-    assert entry["notebook"] == "04_metrics_tables"
-    assert list(entry["sources"]) == ["results/smoke-simulated/runs/dense-seed0/eval.csv"]
-    with pytest.raises(FileNotFoundError, match="no-such-run"):
-        save_figure(fig, study, "safety", "04_metrics_tables", ["no-such-run"])
-
-
 def test_the_papers_table_is_complete():
     table = paper.table_1()
-    assert len(table) == 27 and not table.duplicated(["phase", "condition", "metric"]).any()
+    assert len(table) == 27 and not table.duplicated(["phase", "group", "metric"]).any()

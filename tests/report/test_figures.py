@@ -1,0 +1,159 @@
+"""Figures of policies: what is drawn, and that few runs are shown as runs."""
+
+import json
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlihf_lib.report import figures_policy, tables
+from rlihf_lib.report.evaluations import load_runs
+from rlihf_lib.report.style import LABELS, color, ordered, save_figure, shades
+
+T = 3000
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    """Close what was drawn."""
+    yield
+    plt.close("all")
+
+
+def named(ax):
+    """Lines of the legend, by name."""
+    return {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
+
+
+def thin(ax):
+    """Lines of single runs."""
+    return [line for line in ax.lines if line.get_linewidth() == 0.5]
+
+
+@pytest.mark.parametrize(("n", "bands"), [(1, 0), (4, 0), (5, 1)])
+def test_below_five_seeds_the_runs_are_drawn_and_no_band(runs, n, bands):
+    ax = plt.figure().subplots()
+    dense = runs[(runs["group"] == "dense") & (runs["seed"] < n)]
+    figures_policy.learning_curve(dense, ax, "success")
+    assert len(ax.collections) == bands
+    assert len(thin(ax)) == (0 if bands else n)
+    mean = dense.groupby("step")["success"].mean()
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), mean)
+
+
+def test_three_people_have_no_band_however_many_runs(runs):
+    ax = plt.figure().subplots()
+    figures_policy.learning_curve(runs[runs["subject"].isin(["s02", "s05", "s13"])], ax)
+    assert not ax.collections and len(thin(ax)) == 15
+
+
+def test_figure_4_has_a_panel_per_person_with_the_auroc_and_one_of_the_mean(runs, scores):
+    fig = figures_policy.figure_4(runs, scores, T)
+    panels = {ax.get_title(): ax for ax in fig.axes if ax.get_visible()}
+    assert len(panels) == 13
+    titles = list(panels)
+    assert titles[0] == "s13, AUROC 0.98" and titles[11:] == ["s02, AUROC 0.70", "mean over people"]
+    for title, ax in panels.items():
+        assert list(named(ax)) == ["RL sparse", "RL dense", "RLIHF"]
+        assert len(ax.collections) == 3, title
+    drawn = named(panels["mean over people"])["RLIHF"].get_ydata()
+    np.testing.assert_allclose(
+        drawn, runs[runs["group"] == "rlihf"].groupby("step")["return"].mean()
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_figure_4_takes_any_number_of_people(runs, scores, n):
+    chosen = runs[runs["subject"].isin(["", *scores["subject"][:n]])]
+    fig = figures_policy.figure_4(chosen, scores, T)
+    assert sum(ax.get_visible() for ax in fig.axes) == n + 1
+    fig.canvas.draw()
+
+
+@pytest.mark.parametrize("weights", [(0.7,), (0.1, 0.4, 0.7), (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)])
+def test_figure_6_draws_any_weights_and_the_baselines(runs, weighed, weights):
+    some = [weighed.assign(w_hf=w)[weighed["w_hf"] == 0.7] for w in weights]
+    both = pd.concat([runs[runs["group"] != "rlihf"], *some])
+    ax = figures_policy.figure_6(both, weights, T)
+    lines = named(ax)
+    assert list(lines)[:2] == ["RL sparse", "RL dense"] and len(lines) == 2 + len(weights)
+    assert len({tuple(line.get_color()) for line in list(lines.values())[2:]}) == len(weights)
+    assert "(thousands)" in ax.get_xlabel()
+
+
+def test_weights_get_darker():
+    luminance = np.array(shades(5))[:, :3] @ [0.299, 0.587, 0.114]
+    assert (np.diff(luminance) < -0.05).all()
+
+
+def test_every_group_has_a_colour_of_its_own():
+    assert len({color(group) for group in LABELS}) == len(LABELS)
+
+
+def test_the_profile_is_the_share_of_runs_above(runs):
+    table = tables.comparison_table(runs, T)
+    left, right = figures_policy.comparison_figure(runs, table, T).axes
+    late = runs[(runs["step"] == T) & (runs["group"] == "rlihf")]["success"].to_numpy()
+    line = named(left)["RLIHF (12 people x 5 seeds)"]
+    for tau, share in zip(line.get_xdata()[::10], line.get_ydata()[::10], strict=True):
+        assert share == pytest.approx(np.mean(late > tau))
+    assert len(left.collections) == 3, "a band each"
+    names = [tick.get_text() for tick in right.get_yticklabels()]
+    assert names == ["RLIHF > RL dense", "RLIHF > RL sparse"]
+    dots = right.lines[0].get_xdata()
+    known = table[table["metric"] == "success"]["improvement"]
+    assert dots == pytest.approx(known.to_numpy()[::-1])
+
+
+def test_supplementary_conditions_are_drawn_like_the_others(runs, supplement):
+    both = pd.concat([runs[runs["group"] == "rlihf"], supplement])
+    table = tables.comparison_table(both, T, ordered(supplement["group"]), ("success",))
+    left, right = figures_policy.comparison_figure(both, table, T).axes
+    assert len(named(left)) == 5 and len(right.get_yticklabels()) == 4
+
+
+def test_decoder_against_policy_says_how_far_they_go_together(runs, scores):
+    table = tables.subject_table(runs, scores, T)
+    (ax,) = figures_policy.decoder_policy_figure(runs, table, T).axes
+    known = tables.correlation_table(table).iloc[0]
+    title = ax.get_title()
+    assert f"{known['rho']:.2f}, [{known['ci_low']:.2f}, {known['ci_high']:.2f}], n = 12" in title
+    assert "smallest possible: 0.0002" in title
+    assert len(ax.lines[0].get_xdata()) == 60, "every run is a dot"
+    behind = {text.get_text() for text in ax.texts}
+    assert "s02" in behind and "s13" not in behind
+
+
+def test_a_single_run_each_can_be_drawn(study):
+    runs = load_runs(study)
+    table = tables.subject_table(runs, study.scores(), T)
+    figures = [
+        figures_policy.figure_4(runs, study.scores(), T),
+        figures_policy.success_figure(runs, T),
+        figures_policy.safety_figure(runs, T),
+        figures_policy.comparison_figure(runs, tables.comparison_table(runs, T), T),
+        figures_policy.decoder_policy_figure(runs, table, T),
+        figures_policy.figure_6(
+            load_runs(study, ("sparse", "dense", "ablation")), study.profile.weights, T
+        ).figure,
+    ]
+    assert "no interval, n = 1" in figures[-2].axes[0].get_title()
+    for fig in figures:
+        bands = [c for ax in fig.axes for c in ax.collections if "Fill" in type(c).__name__]
+        assert not sum(len(path.vertices) for band in bands for path in band.get_paths())
+        fig.canvas.draw()
+
+
+def test_saved_figures_say_what_they_were_drawn_from(study):
+    fig = figures_policy.safety_figure(load_runs(study), T)
+    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
+    before = (study.figures / "safety.pdf").read_bytes()
+    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
+    assert (study.figures / "safety.pdf").read_bytes() == before, "equal data, equal file"
+    assert (study.figures / "safety.png").stat().st_size > 1000
+    entry = json.loads((study.figures / "manifest.json").read_text())["safety"]
+    assert entry["notebook"] == "04_metrics_tables"
+    assert list(entry["sources"]) == ["results/smoke-simulated/runs/dense-seed0/eval.csv"]
+    with pytest.raises(FileNotFoundError, match="no-such-run"):
+        save_figure(fig, study, "safety", "04_metrics_tables", ["no-such-run"])
