@@ -1,4 +1,4 @@
-"""Read the evaluations and training episodes of a study's runs, and say what each run is."""
+"""Read the evaluations and the training of a study's runs, and say what each run is."""
 
 import numpy as np
 import pandas as pd
@@ -82,15 +82,16 @@ def load_runs(study, stages=("sparse", "dense", "rlihf")):
 
 
 def load_training(study, stages):
-    """Read the training episodes of a study's finished runs; see `load_runs`.
+    """Read how training went, in windows of steps, in a study's finished runs; see `load_runs`.
 
     Returns
     -------
     DataFrame
-        The columns of `train.csv` (step, episode, return, success, ...) after those of the run. The
-        return is in units of the condition's own reward.
+        The columns of `train.csv` (step, episodes, return, success, ...) after those of the run:
+        means over the episodes that ended in the window, empty where none did. The return is in
+        units of the condition's own reward.
     """
-    return _load(study, stages, "train.csv", ("step", "episode", "return", "success"))
+    return _load(study, stages, "train.csv", ("step", "episodes", "return", "success"))
 
 
 def _load(study, stages, name, columns):
@@ -126,6 +127,8 @@ def read_runs(configs, runs_dir, name="eval.csv", columns=EVAL_COLUMNS):
         if missing:
             raise ValueError(f"{path} lacks the column(s) {', '.join(missing)}; delete the run")
         broken = frame["return"].isna() | frame["success"].isna()
+        if "episodes" in frame:
+            broken &= frame["episodes"] > 0
         if broken.any():
             line = frame.index[broken][0] + 2
             raise ValueError(f"{path}, line {line}: return or success is empty; delete the run")

@@ -172,9 +172,9 @@ def training_figure(runs, training, condition, total_steps, caption=""):
     matplotlib Figure
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.0))
-    for _, episodes in training.groupby("run"):
+    for _, windows in training.dropna(subset="return").groupby("run"):
         axes[0].plot(
-            episodes["step"] / 1000, episodes["return"], color=color(condition), alpha=0.5, lw=0.8
+            windows["step"] / 1000, windows["return"], color=color(condition), alpha=0.5, lw=0.8
         )
     axes[0].set_ylabel(f"Training return ({label(condition)})")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):

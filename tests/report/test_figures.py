@@ -145,6 +145,15 @@ def test_a_single_run_each_can_be_drawn(study):
         fig.canvas.draw()
 
 
+def test_training_is_a_line_per_run_beside_its_evaluation(runs):
+    dense = runs[runs["group"] == "dense"]
+    training = dense.assign(episodes=1)
+    training.loc[training["step"] == 1000, "return"] = np.nan
+    fig = figures_policy.training_figure(dense, training, "dense", T)
+    assert [len(line.get_xdata()) for line in fig.axes[0].lines[:5]] == [3] * 5
+    assert len(fig.axes[1].collections) == 1
+
+
 def test_saved_figures_say_what_they_were_drawn_from(study):
     fig = figures_policy.safety_figure(load_runs(study), T)
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])

@@ -13,6 +13,7 @@ from rlihf_lib.report.evaluations import (
     group_of,
     late_scores,
     load_runs,
+    load_training,
     person_of,
     size,
     units,
@@ -218,6 +219,17 @@ def test_a_run_with_an_empty_number_is_named_with_its_line(study):
     frame.to_csv(path, index=False)
     with pytest.raises(ValueError, match=r"sparse-seed0/eval.csv, line 5"):
         load_runs(study)
+
+
+def test_windows_of_training_in_which_no_episode_ended_are_empty_not_broken(study):
+    path = study.runs / "dense-seed0" / "train.csv"
+    windows = pd.DataFrame({"step": [1000, 2000, 3000], "episodes": [0, 1, 2]})
+    windows.assign(**{"return": [np.nan, 3, 4], "success": [np.nan, 0, 1]}).to_csv(path)
+    training = load_training(study, ["dense"])
+    assert training["return"].tolist()[1:] == [3, 4] and training["group"].unique() == ["dense"]
+    windows.assign(**{"return": [1, np.nan, 4], "success": 0}).to_csv(path)
+    with pytest.raises(ValueError, match=r"dense-seed0/train.csv, line 3"):
+        load_training(study, ["dense"])
 
 
 def test_the_policy_subject_of_smoke_is_the_median_decoder(study):
