@@ -188,6 +188,44 @@ def training_figure(runs, training, condition, total_steps, caption=""):
     return fig
 
 
+def learner_figure(training, condition, total_steps, caption=""):
+    """What the learner says of itself during one run, in windows of steps.
+
+    Parameters
+    ----------
+    training : DataFrame
+        From `evaluations.load_training`, of one run: critic loss, entropy coefficient, mean Q and
+        the number of steps that looked wrong to the observer.
+    condition : {"sparse", "dense", "rlihf"}
+    total_steps : int
+    caption : str
+
+    Returns
+    -------
+    matplotlib Figure
+        The share judged wrong is drawn where somebody watched.
+    """
+    panels = {
+        "critic_loss": "Critic loss",
+        "ent_coef": r"Entropy coefficient $\alpha$",
+        "mean_q": "Mean Q",
+        "judged_wrong": "Share of steps judged wrong",
+    }
+    if condition != "rlihf":
+        del panels["judged_wrong"]
+    fig, axes = plt.subplots(1, len(panels), figsize=(PAGE_WIDTH, 1.9))
+    for ax, (column, words) in zip(axes, panels.items(), strict=True):
+        ax.plot(training["step"] / 1000, training[column], color=color(condition), lw=0.9)
+        mark_phases(ax, total_steps)
+        ax.set(xlabel="Steps (thousands)", ylabel=words)
+    axes[0].set_yscale("log")
+    axes[1].set_yscale("log")
+    if condition == "rlihf":
+        axes[-1].set_ylim(-0.03, 1.03)
+    note(fig, caption)
+    return fig
+
+
 def success_figure(runs, total_steps, caption="", groups=paper.CONDITIONS):
     """Success rate, path efficiency and deviation of several groups against training steps.
 
