@@ -9,15 +9,14 @@ all conditions.
 import argparse
 
 import matplotlib.pyplot as plt
-import pandas as pd
 
 from rlihf_lib.files import write_csv
 from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
-from rlihf_lib.report.figures_policy import DASHES, learning_curve, mark_phases
-from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note, save_figure, use_style
+from rlihf_lib.report.figures_policy import learning_curve, mark_phases
+from rlihf_lib.report.style import PAGE_WIDTH, color, label, note, save_figure, use_style
 from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.observer import p_error_sha256, perfect_table
+from rlihf_lib.rl.observer import p_error_sha256
 from rlihf_lib.rl.sweep import is_done, run_sweep
 from rlihf_lib.study import Study
 
@@ -26,29 +25,24 @@ STEPS, EVAL_EVERY = 150_000, 10_000
 # The learner's horizon of 1 s and giving up after 2 s help feedback; "sparse, tuned" does without
 # the latter and looks 5 or 10 s ahead.
 SPARSE_DISCOUNTS = (0.98, 0.99)
+TUNED_GROUPS = tuple(f"sparse-patience1000-discount{d:g}" for d in SPARSE_DISCOUNTS)
 IDEAL = "ideal"
 COLUMNS = ("success", "completed", "path_efficiency", "path_deviation", "collisions")
 
 
-def tables(study):
-    """Return the p(error) table of the decoded subjects and of an ideal decoder."""
-    return pd.concat([study.p_error(), perfect_table().assign(subject=IDEAL)], ignore_index=True)
-
-
-def run_configs(study, p_error):
+def run_configs(study):
     """List the pilots, those first whose answer is needed first.
 
     Parameters
     ----------
     study : Study
         Its policy subjects are the decoders tried.
-    p_error : DataFrame
-        From `tables`.
 
     Returns
     -------
     list of RunConfig
     """
+    p_error = study.feedback()
 
     def config(seed, condition, subject="", **changes):
         if subject:
@@ -57,8 +51,8 @@ def run_configs(study, p_error):
             changes = {"w_hf": study.profile.w_hf, **feedback, **changes}
         return RunConfig(condition, seed, STEPS, EVAL_EVERY, **changes)
 
-    weakest, *_, strongest = ranked = study.ranked_subjects()
-    median = ranked[(len(ranked) - 1) // 2]
+    weakest, *_, strongest = study.ranked_subjects()
+    median = study.median_subject()
     return [
         *(config(seed, "dense") for seed in SEEDS),
         *(config(seed, "rlihf", IDEAL) for seed in SEEDS),
@@ -82,19 +76,17 @@ def run_configs(study, p_error):
 def summary(runs):
     """Average each run over the last third of training: a row per run."""
     late = add_phase(runs, STEPS).query("phase == 'Late'")
-    keys = ["condition", "subject", "w_hf", "run"]
+    keys = ["group", "subject", "run"]
     return late.groupby(keys)[list(COLUMNS)].mean().round(3).reset_index()
 
 
-def learning_curves(runs, w_hf, scores, caption):
-    """Draw success rate and completed share of the path: a line per condition or subject.
+def learning_curves(runs, scores, caption):
+    """Draw success rate and completed share of the path: a line per group and subject.
 
     Parameters
     ----------
     runs : DataFrame
         From `report.evaluations.read_runs`.
-    w_hf : float
-        Weight of human feedback shown.
     scores : DataFrame
         From `Study.scores`; the AUROC of a subject's decoder is told and gives the shade.
     caption : str
@@ -102,32 +94,35 @@ def learning_curves(runs, w_hf, scores, caption):
     Returns
     -------
     matplotlib Figure
+        Above the paper's conditions, below what stands beside them: the lay observer, and sparse
+        reward with settings of its own.
     """
-    runs = runs[(runs["condition"] != "rlihf") | (runs["w_hf"] == w_hf)]
     decoded = scores[scores["subject"].isin(runs["subject"])].sort_values("auroc", ascending=False)
-    lines = {
-        ("dense", ""): {"color": COLORS["dense"], "label": "RL dense"},
-        ("rlihf", IDEAL): {"color": COLORS["ideal"], "label": "RLIHF, ideal decoder"},
-    }
-    for i, (subject, auroc) in enumerate(zip(decoded["subject"], decoded["auroc"], strict=True)):
-        lines["rlihf", subject] = {
-            "color": plt.get_cmap("YlOrRd")(0.9 - 0.5 * i / len(decoded)),
-            "label": f"RLIHF, {subject}, AUROC {auroc:.2f}",
-        }
-    lines["sparse", ""] = {"color": COLORS["sparse"], "label": "RL sparse"}
-    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), sharex=True)
-    for ax, metric, label in zip(
-        axes, ("success", "completed"), ("Success rate", "Share of the path completed"), strict=True
-    ):
-        for (condition, subject), line in lines.items():
-            chosen = runs[(runs["condition"] == condition) & (runs["subject"] == subject)]
-            if len(chosen):
-                name = f"{line['label']} (n = {chosen['run'].nunique()})"
-                style = {**line, "label": name, "linestyle": DASHES[condition]}
-                learning_curve(chosen, ax, metric, **style)
-        mark_phases(ax, STEPS)
-        ax.set(xlabel="Steps (thousands)", ylabel=label, ylim=(-0.03, 1.03))
-    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
+    people = {"": ("", None), IDEAL: ("ideal decoder", color("rlihf-ideal"))}
+    for i, row in enumerate(decoded.itertuples()):
+        shade = plt.get_cmap("YlOrRd")(0.9 - 0.5 * i / len(decoded))
+        people[row.subject] = (f"{row.subject}, AUROC {row.auroc:.2f}", shade)
+    rows = (
+        ("as in the paper", ("dense", "rlihf-ideal", "rlihf", "sparse")),
+        ("supplementary", ("rlihf-ideal-lay", "rlihf-lay", *TUNED_GROUPS)),
+    )
+    metrics = {"success": "Success rate", "completed": "Share of the path completed"}
+    fig, axes = plt.subplots(2, 2, figsize=(PAGE_WIDTH, 4.2), sharex=True, sharey="col")
+    for (title, groups), panels in zip(rows, axes, strict=True):
+        for ax, (metric, axis_label) in zip(panels, metrics.items(), strict=True):
+            for group in groups:
+                for subject, (name, shade) in people.items():
+                    chosen = runs[(runs["group"] == group) & (runs["subject"] == subject)]
+                    if len(chosen):
+                        known = group if subject == "" else "rlihf" + "-lay" * ("lay" in group)
+                        parts = (label(known), name, f"n = {chosen['run'].nunique()}")
+                        words = ", ".join(part for part in parts if part)
+                        learning_curve(chosen, ax, metric, color=shade or color(group), label=words)
+            mark_phases(ax, STEPS)
+            ax.set(ylabel=axis_label, ylim=(-0.03, 1.03), title=title)
+        fig.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", title=title)
+    for ax in axes[-1]:
+        ax.set_xlabel("Steps (thousands)")
     note(fig, caption)
     return fig
 
@@ -142,10 +137,9 @@ def main(argv=None):
     study = Study("quick")
     study.results = study.out / "results" / "pilots"
     study.runs, study.figures = study.results / "runs", study.out / "figures" / "pilots"
-    p_error = tables(study)
-    configs = run_configs(study, p_error)
+    configs = run_configs(study)
     try:
-        run_sweep(configs, study.runs, p_error, options.workers)
+        run_sweep(configs, study.runs, study.feedback(), options.workers)
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here")
     done = [config for config in configs if is_done(config, study.runs)]
@@ -154,8 +148,8 @@ def main(argv=None):
     use_style()
     caption = (
         f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · {study.eeg_label} · w = {study.profile.w_hf} · "
-        "mean and 95 % bootstrap interval over runs"
+        "mean, and thin each run"
     )
-    fig = learning_curves(runs, study.profile.w_hf, study.scores(), caption)
+    fig = learning_curves(runs, study.scores(), caption)
     save_figure(fig, study, "learning_curves", "pilots", [config.run_id for config in done])
     return 0

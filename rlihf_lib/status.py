@@ -34,7 +34,7 @@ def status(study, workers=0):
     rows.append(_drawing(study, figures, "01_dataset_preprocessing"))
     rows.append(_decoder_status(study))
     counted = set()
-    for stage in ("sparse", "dense", "rlihf"):
+    for stage in ("sparse", "tuned", "dense", "rlihf", "controls"):
         rows.append(_runs_status(study, stage, f"03_policy_training {stage}", workers, counted))
     rows.append(_drawing(study, figures, "04_metrics_tables"))
     rows.append(_runs_status(study, "ablation", "05_whf_ablation", workers, counted))
@@ -96,11 +96,16 @@ def _runs_status(study, stage, title, workers, counted):
     try:
         configs = study.run_configs(stage)
     except FileNotFoundError:  # the decoder says later who the policy subjects are
-        wanted = profile.n_ablation_subjects if stage == "ablation" else profile.n_policy_subjects
-        n = (wanted or 12) * len(profile.seeds)
-        n_weights = len(profile.weights) if stage == "ablation" else 1
-        n_new = n * (n_weights - 1 if stage == "ablation" else 1)
-        done, missing = 0, n * n_weights
+        people = profile.n_ablation_subjects if stage == "ablation" else profile.n_policy_subjects
+        people, n_weights = people or 12, len(profile.weights)
+        missing = n_new = {
+            "rlihf": people * len(profile.seeds),
+            "controls": len(profile.supplementary_seeds) + 2 * len(profile.control_seeds),
+            "ablation": people * n_weights * len(profile.ablation_seeds),
+        }[stage]
+        if stage == "ablation":
+            n_new -= people * len(profile.ablation_seeds)  # at the main weight
+        done = 0
     else:
         to_do = [config for config in configs if not is_done(config, study.runs)]
         n_new = len([config for config in to_do if config not in counted])

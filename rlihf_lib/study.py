@@ -1,99 +1,23 @@
 """What a study is: a profile (how much), an EEG source (whose brains) and a folder (where to)."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.rl.config import RunConfig
-from rlihf_lib.rl.observer import p_error_sha256
+from rlihf_lib.profiles import PROFILES
+from rlihf_lib.rl.config import RunConfig, SACSettings
+from rlihf_lib.rl.observer import p_error_sha256, with_controls
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")
 EVENTS = ("correct", "error")
-STAGES = ("sparse", "dense", "rlihf", "ablation")
-
-
-@dataclass(frozen=True)
-class DecoderSizes:
-    """How long and how often the decoder is trained; never how it works."""
-
-    max_epochs: int
-    """Passes over the training subjects at most."""
-    patience: int
-    """Passes without a better validation loss after which training stops."""
-    ensemble: int
-    """Networks per fold, with different seeds, whose outputs are averaged."""
-    n_permutations: int
-    """Label permutations behind the chance level."""
-
-
-@dataclass(frozen=True)
-class Profile:
-    """Sizes of a study. A profile changes sizes, never code paths."""
-
-    name: str
-    n_subjects: int | None
-    """Subjects decoded, the first of the source; None = all of them."""
-    n_policy_subjects: int | None
-    """Subjects whose decoded feedback trains policies; None = every decoded one."""
-    n_ablation_subjects: int | None
-    """Of the policy subjects, how many also get the other weights; None = all."""
-    seeds: tuple[int, ...]
-    """One run per seed, condition, weight and policy subject (paper: five)."""
-    total_steps: int
-    """Environment steps of training (paper: 150,000)."""
-    eval_every: int
-    """Training steps between two evaluation points."""
-    decoder: DecoderSizes
-    horizon: int = 1000
-    """Steps after which an episode is truncated (paper: 1000)."""
-    eval_rollouts: int = 5
-    """Rollouts per evaluation point (paper: 5)."""
-    weights: tuple[float, ...] = (0.1, 0.4, 0.7)
-    """Weights of human feedback compared in Fig. 6 (paper: these three)."""
-    w_hf: float = 0.7
-    """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
-
-
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile(
-            name="smoke",
-            n_subjects=3,
-            n_policy_subjects=1,
-            n_ablation_subjects=1,
-            seeds=(0,),
-            total_steps=3_000,
-            eval_every=1_000,
-            decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=2, n_permutations=100),
-            horizon=150,
-            eval_rollouts=2,
-        ),
-        Profile(
-            name="quick",
-            n_subjects=12,
-            n_policy_subjects=3,
-            n_ablation_subjects=1,
-            seeds=(0, 1),
-            total_steps=60_000,
-            eval_every=5_000,
-            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
-        ),
-        Profile(
-            name="paper",
-            n_subjects=None,
-            n_policy_subjects=None,
-            n_ablation_subjects=None,
-            seeds=(0, 1, 2, 3, 4),
-            total_steps=150_000,
-            eval_every=10_000,
-            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
-        ),
-    )
-}
+#: Conditions of the paper, and what stands beside them: settings and feedback of another kind.
+STAGES = ("sparse", "tuned", "dense", "rlihf", "controls", "ablation")
+#: What notebook 03 trains beside a condition.
+SUPPLEMENTS = {"sparse": "tuned", "rlihf": "controls"}
+#: Sparse reward with settings of its own: never giving up, and looking 5 s ahead. Found in pilots.
+TUNED = {"patience": RunConfig.horizon, "sac": SACSettings(discount=0.98)}
 
 
 class Study:
@@ -245,14 +169,27 @@ class Study:
         """List the decoded subjects by the AUROC of their held-out epochs, weakest first."""
         return self.scores().sort_values(["auroc", "subject"])["subject"].tolist()
 
+    def feedback(self):
+        """Return all p(error) tables that a run may name: the people's, an ideal decoder's, and
+        those of the person with the median decoder with what they say taken out; see
+        `observer.with_controls`.
+        """
+        return with_controls(self.p_error(), self.median_subject())
+
+    def median_subject(self):
+        """Return the person whose decoder is the median one, the lower of two."""
+        ranked = self.ranked_subjects()
+        return ranked[(len(ranked) - 1) // 2]
+
     def run_configs(self, stage):
         """List the runs of a stage.
 
         Parameters
         ----------
-        stage : {"sparse", "dense", "rlihf", "ablation"}
-            A condition of the main comparison, or every weight of the ablation. The ablation's
-            runs at the main weight are the main comparison's.
+        stage : {"sparse", "tuned", "dense", "rlihf", "controls", "ablation"}
+            A condition of the main comparison; sparse reward with settings of its own; the main
+            weight with an ideal decoder and with feedback that says nothing; every weight of the
+            ablation. The ablation's runs at the main weight are the main comparison's.
 
         Returns
         -------
@@ -265,32 +202,46 @@ class Study:
         FileNotFoundError
             If the stage needs p(error) and notebook 02 has not written it yet.
         """
+        profile = self.profile
+        if stage in ("sparse", "dense"):
+            return [self._config(stage, seed) for seed in profile.seeds]
+        if stage == "tuned":
+            return [self._config("sparse", seed, **TUNED) for seed in profile.supplementary_seeds]
         if stage not in STAGES:
             raise ValueError(f"stage is {stage!r}; choose one of {', '.join(STAGES)}")
-        profile = self.profile
-        sizes = {
-            "total_steps": profile.total_steps,
-            "eval_every": profile.eval_every,
-            "horizon": profile.horizon,
-            "eval_rollouts": profile.eval_rollouts,
-        }
-        if stage in ("sparse", "dense"):
-            return [RunConfig(condition=stage, seed=seed, **sizes) for seed in profile.seeds]
-        table = self.p_error()
+        weights, seeds = (profile.w_hf,), dict.fromkeys(self.policy_subjects(), profile.seeds)
+        if stage == "ablation":
+            weights = profile.weights
+            seeds = dict.fromkeys(self.policy_subjects(ablation=True), profile.ablation_seeds)
+        elif stage == "controls":
+            median = self.median_subject()
+            nothing = dict.fromkeys((f"{median}-mean", f"{median}-shuffled"), profile.control_seeds)
+            seeds = {"ideal": profile.supplementary_seeds, **nothing}
+        table = self.feedback()
         return [
-            RunConfig(
-                condition="rlihf",
-                seed=seed,
+            self._config(
+                "rlihf",
+                seed,
                 eeg=self.eeg_name,
                 subject=subject,
                 w_hf=w_hf,
                 p_error_sha256=p_error_sha256(table, subject),
-                **sizes,
             )
-            for w_hf in (profile.weights if stage == "ablation" else (profile.w_hf,))
-            for subject in self.policy_subjects(ablation=stage == "ablation")
-            for seed in profile.seeds
+            for w_hf in weights
+            for subject in seeds
+            for seed in seeds[subject]
         ]
+
+    def _config(self, condition, seed, **changes):
+        profile = self.profile
+        changes = {
+            "total_steps": profile.total_steps,
+            "eval_every": profile.eval_every,
+            "horizon": profile.horizon,
+            "eval_rollouts": profile.eval_rollouts,
+            **changes,
+        }
+        return RunConfig(condition=condition, seed=seed, **changes)
 
 
 def _read_table(path, columns):

@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 
 from rlihf_lib import pilots
-from rlihf_lib.report.evaluations import read_runs
+from rlihf_lib.report.evaluations import group_of, read_runs
 from rlihf_lib.rl.sweep import is_done
-from rlihf_lib.study import PROFILES, Study
+from rlihf_lib.study import PROFILES, STAGES, Study
 
 STUDY = Study("quick")
 
@@ -21,7 +21,7 @@ def evaluations(configs):
             {
                 "step": steps, "rollout": 0, "success": steps / pilots.STEPS,
                 **dict.fromkeys(pilots.COLUMNS[1:], 0.5), "run": config.run_id,
-                "condition": config.condition, "subject": config.subject, "w_hf": config.w_hf,
+                "group": group_of(config), "subject": config.subject,
             }
         )
         for config in configs
@@ -30,17 +30,18 @@ def evaluations(configs):
 
 
 def test_pilots_use_seeds_that_no_study_uses_and_share_its_settings():
-    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
+    configs = pilots.run_configs(STUDY)
     assert len({config.run_id for config in configs}) == len(configs)
     used = {seed for profile in PROFILES.values() for seed in profile.seeds}
     assert not used & {config.seed for config in configs}
     assert {config.condition for config in configs} == {"sparse", "dense", "rlihf"}
-    assert {config.sac for config in configs} == {STUDY.run_configs("dense")[0].sac}
-    assert {config.patience for config in configs} == {STUDY.run_configs("dense")[0].patience}
+    settings = {(c.sac, c.patience) for stage in STAGES for c in STUDY.run_configs(stage)}
+    tried = [c for c in configs if (c.sac, c.patience) not in settings]
+    assert {c.run_id.rpartition("-")[0] for c in tried} == {"sparse-patience1000-discount0.99"}
 
 
 def test_summary_averages_the_last_third_of_training():
-    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))[:2]
+    configs = pilots.run_configs(STUDY)[:2]
     table = pilots.summary(evaluations(configs))
     assert table["run"].tolist() == [config.run_id for config in configs]
     late = np.arange(110_000, 150_001, 10_000) / 150_000
@@ -49,7 +50,7 @@ def test_summary_averages_the_last_third_of_training():
 
 def test_shipped_summary_is_that_of_the_shipped_runs():
     folder = STUDY.out / "results" / "pilots"
-    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
+    configs = pilots.run_configs(STUDY)
     done = [config for config in configs if is_done(config, folder / "runs")]
     shipped = pd.read_csv(folder / "summary.csv", keep_default_na=False)
     expected = pilots.summary(read_runs(done, folder / "runs"))
@@ -57,12 +58,11 @@ def test_shipped_summary_is_that_of_the_shipped_runs():
 
 
 def test_learning_curves_show_the_runs_there_are():
-    configs = pilots.run_configs(STUDY, pilots.tables(STUDY))
-    done = [c for c in configs if c.condition == "dense" or c.subject == pilots.IDEAL]
-    fig = pilots.learning_curves(evaluations(done), 0.7, STUDY.scores(), "pilots")
-    for ax in fig.axes:
+    configs = pilots.run_configs(STUDY)
+    fig = pilots.learning_curves(evaluations(configs[:7]), STUDY.scores(), "pilots")
+    for ax in fig.axes[:2]:
         assert ax.get_legend_handles_labels()[1] == [
-            "RL dense (n = 3)", "RLIHF, ideal decoder (n = 3)",
+            "RL dense, n = 3", "RLIHF, ideal decoder, n = 3", "RL sparse, n = 1",
         ]  # fmt: skip
     plt.close(fig)
 

@@ -3,7 +3,8 @@
 import pandas as pd
 import pytest
 
-from rlihf_lib.study import PROFILES, Study, p_error_sha256
+from rlihf_lib.rl.observer import p_error_sha256
+from rlihf_lib.study import PROFILES, STAGES, Study
 
 
 def write_decoder(study, aurocs):
@@ -12,9 +13,9 @@ def write_decoder(study, aurocs):
     pd.DataFrame({"subject": subjects, "auroc": aurocs}).to_csv(
         study.decoder / "scores.csv", index=False
     )
-    pd.DataFrame({"subject": subjects, "epoch": 0, "label": 1, "p_error": 0.5}).to_csv(
-        study.decoder / "p_error.csv", index=False
-    )
+    rows = [(who, epoch, epoch % 2, 0.5 + 0.01 * epoch) for who in subjects for epoch in range(8)]
+    columns = ["subject", "epoch", "label", "p_error"]
+    pd.DataFrame(rows, columns=columns).to_csv(study.decoder / "p_error.csv", index=False)
 
 
 def test_unknown_profiles_and_sources_are_named_with_the_choices(tmp_path):
@@ -52,6 +53,34 @@ def test_the_paper_profile_is_the_papers_protocol():
     assert len(profile.seeds) == 5 and profile.weights == (0.1, 0.4, 0.7)
 
 
+def test_the_papers_study_is_balanced_over_people_and_has_its_controls(tmp_path):
+    study = Study("paper", out=tmp_path)
+    write_decoder(study, [0.9, 0.7, 0.8, 0.95, 0.6, 0.75])
+    runs = {stage: study.run_configs(stage) for stage in STAGES}
+    sizes = {stage: len(configs) for stage, configs in runs.items()}
+    assert sizes == {
+        "sparse": 5, "tuned": 5, "dense": 5, "rlihf": 30, "controls": 5 + 3 + 3, "ablation": 36,
+    }  # fmt: skip
+    assert {c.sac.discount for c in runs["tuned"]} == {0.98}
+    assert {c.patience for c in runs["tuned"]} == {1000}
+    assert {c.subject for c in runs["controls"]} == {"ideal", "s07-mean", "s07-shuffled"}
+    every = {config.run_id for configs in runs.values() for config in configs}
+    assert len(every) == 5 + 5 + 5 + 30 + 11 + 24, "the main weight's runs are shared"
+
+
+def test_controls_answer_alike_whatever_is_seen(tmp_path):
+    study = Study("smoke", out=tmp_path)
+    write_decoder(study, [0.9, 0.7, 0.8])
+    table = study.feedback()
+    own, mean, shuffled = (table[table["subject"] == f"s04{c}"] for c in ("", "-mean", "-shuffled"))
+    assert mean["p_error"].nunique() == 1 and mean["p_error"].iloc[0] == own["p_error"].mean()
+    assert sorted(shuffled["p_error"]) == sorted(own["p_error"])
+    assert (shuffled["p_error"].to_numpy() != own["p_error"].to_numpy()).any()
+    ideal = table[table["subject"] == "ideal"]
+    assert (ideal["p_error"] == ideal["label"]).all()
+    assert study.feedback().equals(table), "shuffled alike every time"
+
+
 def test_changed_feedback_changes_the_run(tmp_path):
     study = Study("smoke", out=tmp_path)
     write_decoder(study, [0.9, 0.7, 0.8])
@@ -61,7 +90,7 @@ def test_changed_feedback_changes_the_run(tmp_path):
     table.to_csv(study.decoder / "p_error.csv", index=False)
     (after,) = study.run_configs("rlihf")
     assert before.run_id == after.run_id and before.hash != after.hash
-    with pytest.raises(ValueError, match="no epochs of subject 's99'"):
+    with pytest.raises(ValueError, match=r"subject 's99' is not in the p\(error\) table"):
         p_error_sha256(table, "s99")
 
 

@@ -20,7 +20,6 @@ COLORS = {
     "error": "#D55E00",
     "pretrain": "#F0E442",  # the paper's Fig. 5: yellow and orange bars
     "online": "#E69F00",
-    "ideal": "#000000",
     "rlihf-ideal": "#000000",
     "rlihf-mean": "#CC79A7",
     "rlihf-shuffled": "#E69F00",

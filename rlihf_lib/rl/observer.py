@@ -183,24 +183,31 @@ def perfect_table():
     return pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.0, 1.0]})
 
 
-def control_tables(rows, seed=0):
-    """Make tables that say nothing out of a person's: what feedback is worth without its content.
+def with_controls(p_error, person, seed=0):
+    """Add an ideal decoder's table, and a person's without what it says.
 
     Parameters
     ----------
-    rows : DataFrame
-        The person's rows of the p(error) table.
+    p_error : DataFrame
+        Of decoded people.
+    person : str
+        One of them.
     seed : int
         Of the shuffling.
 
     Returns
     -------
-    dict of str to DataFrame
-        "mean": every p(error) replaced by the person's mean; "shuffled": p(error) permuted over the
-        epochs, so that both classes answer alike.
+    DataFrame
+        `p_error` with further subjects: "ideal", p = label; "<person>-mean", every p(error)
+        replaced by the person's mean; "<person>-shuffled", p(error) permuted over the epochs, so
+        that both classes answer alike.
     """
+    rows = rows_of(p_error, person)
     shuffled = np.random.default_rng(seed).permutation(rows["p_error"].to_numpy())
-    return {
-        "mean": rows.assign(p_error=rows["p_error"].mean()),
-        "shuffled": rows.assign(p_error=shuffled),
+    controls = {
+        "ideal": perfect_table(),
+        f"{person}-mean": rows.assign(p_error=rows["p_error"].mean()),
+        f"{person}-shuffled": rows.assign(p_error=shuffled),
     }
+    named = (table.assign(subject=name) for name, table in controls.items())
+    return pd.concat([p_error, *named], ignore_index=True)

@@ -1,0 +1,94 @@
+"""Sizes of a study: how many people, seeds and steps."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DecoderSizes:
+    """How long and how often the decoder is trained; never how it works."""
+
+    max_epochs: int
+    """Passes over the training subjects at most."""
+    patience: int
+    """Passes without a better validation loss after which training stops."""
+    ensemble: int
+    """Networks per fold, with different seeds, whose outputs are averaged."""
+    n_permutations: int
+    """Label permutations behind the chance level."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Sizes of a study. A profile changes sizes, never code paths."""
+
+    name: str
+    n_subjects: int | None
+    """Subjects decoded, the first of the source; None = all of them."""
+    n_policy_subjects: int | None
+    """Subjects whose decoded feedback trains policies; None = every decoded one."""
+    n_ablation_subjects: int | None
+    """Of the policy subjects, how many also get the other weights; None = all."""
+    seeds: tuple[int, ...]
+    """One run per seed, condition, weight and policy subject (paper: five)."""
+    total_steps: int
+    """Environment steps of training (paper: 150,000)."""
+    eval_every: int
+    """Training steps between two evaluation points."""
+    decoder: DecoderSizes
+    horizon: int = 1000
+    """Steps after which an episode is truncated (paper: 1000)."""
+    eval_rollouts: int = 5
+    """Rollouts per evaluation point (paper: 5)."""
+    ablation_seeds: tuple[int, ...] = (0,)
+    """Of the seeds, those of the ablation."""
+    supplementary_seeds: tuple[int, ...] = (0,)
+    """Of the seeds, those of tuned sparse reward and of an ideal decoder."""
+    control_seeds: tuple[int, ...] = (0,)
+    """Of the seeds, those of feedback that says nothing."""
+    weights: tuple[float, ...] = (0.1, 0.4, 0.7)
+    """Weights of human feedback compared in Fig. 6 (paper: these three)."""
+    w_hf: float = 0.7
+    """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
+
+
+PROFILES = {
+    profile.name: profile
+    for profile in (
+        Profile(
+            name="smoke",
+            n_subjects=3,
+            n_policy_subjects=1,
+            n_ablation_subjects=1,
+            seeds=(0,),
+            total_steps=3_000,
+            eval_every=1_000,
+            decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=2, n_permutations=100),
+            horizon=150,
+            eval_rollouts=2,
+        ),
+        Profile(
+            name="quick",
+            n_subjects=12,
+            n_policy_subjects=3,
+            n_ablation_subjects=1,
+            seeds=(0, 1),
+            ablation_seeds=(0, 1),
+            total_steps=60_000,
+            eval_every=5_000,
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
+        ),
+        Profile(
+            name="paper",
+            n_subjects=None,
+            n_policy_subjects=None,
+            n_ablation_subjects=None,
+            seeds=(0, 1, 2, 3, 4),
+            ablation_seeds=(0, 1),
+            supplementary_seeds=(0, 1, 2, 3, 4),
+            control_seeds=(0, 1, 2),
+            total_steps=150_000,
+            eval_every=10_000,
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
+        ),
+    )
+}
