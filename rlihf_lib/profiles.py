@@ -73,6 +73,8 @@ PROFILES = {
             n_ablation_subjects=1,
             seeds=(0, 1),
             ablation_seeds=(0, 1),
+            supplementary_seeds=(),
+            control_seeds=(),
             total_steps=60_000,
             eval_every=5_000,
             decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),

@@ -13,7 +13,7 @@ import pytest
 from rlihf_lib.files import sha256
 from rlihf_lib.regenerate import NOTEBOOKS, READ_EPOCHS, STEPS
 from rlihf_lib.rl.sweep import is_done
-from rlihf_lib.study import Study
+from rlihf_lib.study import STAGES, Study
 
 NAMES = list(dict.fromkeys(step.notebook for step in STEPS))
 PARAMETERS = {
@@ -97,9 +97,8 @@ def test_the_smoke_run_leaves_plain_tables(smoke):
     assert len(scores) == 3
     table = study.p_error()
     assert set(table["subject"]) == set(scores["subject"])
-    stages = ("sparse", "dense", "rlihf", "ablation")
-    configs = {config for stage in stages for config in study.run_configs(stage)}
-    assert len(configs) == 5
+    configs = {config for stage in STAGES for config in study.run_configs(stage)}
+    assert len(configs) == 3 + 1 + 3 + 2
     for config in configs:
         assert is_done(config, study.runs)
         frame = pd.read_csv(study.runs / config.run_id / "eval.csv")
@@ -109,9 +108,13 @@ def test_the_smoke_run_leaves_plain_tables(smoke):
         } <= set(frame.columns)  # fmt: skip
         assert frame["step"].max() == study.profile.total_steps
         recorded = json.loads((study.runs / config.run_id / "config.json").read_text())
-        assert {"condition", "w_hf", "subject", "seed", "profile", "eeg"} <= set(recorded)
+        assert {"condition", "w_hf", "subject", "seed", "eeg", "observer"} <= set(recorded)
     table_1 = pd.read_csv(study.tables / "table1_phases.csv")
-    assert len(table_1) == 27 and table_1[["mean", "paper_mean"]].notna().all(axis=None)
+    beside = table_1.dropna(subset="paper_mean")
+    assert len(beside) == 27 and table_1["mean"].notna().all()
+    assert set(table_1["group"]) - set(beside["group"]) == {
+        "sparse-patience1000-discount0.98", "rlihf-ideal", "rlihf-mean", "rlihf-shuffled",
+    }  # fmt: skip
 
 
 def test_every_figure_is_pdf_and_png_and_its_sources_are_unchanged(smoke):

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from rlihf_lib.rl.observer import OBSERVERS, rows_of
 from rlihf_lib.rl.rewards import alignment_reward, task_reward
 from rlihf_lib.task.expert import expert_action
 from rlihf_lib.task.exploiters import EXPLOITERS
@@ -166,6 +167,32 @@ def margin(returns, discount):
         "ratio on average": average["expert"].mean() / average[others].mean().max(),
         "margin": ahead.mean(), "low": low, "high": high,
     }  # fmt: skip
+
+
+def margins(played, p_error, people, w_hf, discount):
+    """How far the expert is ahead with each person's decoder and each observer.
+
+    Parameters
+    ----------
+    played : dict
+        From `play`.
+    p_error : DataFrame
+        Of all people.
+    people : sequence of str
+    w_hf, discount : float
+
+    Returns
+    -------
+    DataFrame
+        A row per person and observer: subject, observer, and what `margin` returns.
+    """
+    rows = []
+    for subject in people:
+        own = rows_of(p_error, subject)
+        for name, observer in OBSERVERS.items():
+            returns = expected_returns(played, observer, own, w_hf, discount)
+            rows.append({"subject": subject, "observer": name, **margin(returns, discount)})
+    return pd.DataFrame(rows)
 
 
 def explained_by_dense(moments, observer):
