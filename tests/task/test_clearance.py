@@ -226,8 +226,8 @@ def test_reference_agrees_with_points_on_the_surfaces(env, geoms, states):
         a, b = (Shape(env.model, g, centres[:, g], rotations[:, g]) for g in pair)
         for row, (low, high) in enumerate(zip(*distances(a, b), strict=True)):
             here, there = (centres[row, g] + points[g] @ rotations[row, g].T for g in pair)
-            # With gaps of up to 3 mm between points, infinite if none is as near as it should be.
-            sampled = cKDTree(there).query(here, distance_upper_bound=high + 0.003)[0].min()
+            # With gaps of up to 6 mm between points, infinite if none is as near as it should be.
+            sampled = cKDTree(there).query(here, distance_upper_bound=high + 0.006)[0].min()
             assert sampled > low - 1e-6
             assert sampled < np.inf or low == 0
             apart += low > 0
