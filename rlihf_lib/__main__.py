@@ -33,6 +33,13 @@ def parser():
         help="names of the two events in your folder of epochs",
     )
     result.add_argument(
+        "--drop-channels",
+        nargs="+",
+        default=(),
+        metavar="CH",
+        help="channels of your folder of epochs that are no EEG",
+    )
+    result.add_argument(
         "--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05"
     )
     result.add_argument(
@@ -66,7 +73,9 @@ def main(argv=None):
     command = parser()
     options = command.parse_args(argv)
     try:
-        study = Study(options.profile, options.eeg, options.out, options.events)
+        study = Study(
+            options.profile, options.eeg, options.out, options.events, options.drop_channels
+        )
         steps = select([name for item in options.only for name in item.split(",")])
     except ValueError as error:
         command.error(str(error))

@@ -64,6 +64,8 @@ def train_live(study, config, folder, p_error=None, progress=lambda step: None):
         from rlihf_lib.eeg.decoding import load_decoder, load_subject, loader
 
         decoder = load_decoder(study.decoder, config.subject)
-        held_out = load_subject(loader(study.eeg, study.events), config.subject)
+        held_out = load_subject(
+            loader(study.eeg, study.events, study.drop_channels), config.subject
+        )
         decode = LiveFeedback(decoder, held_out)
     train_run(config, folder, p_error, progress, decode)

@@ -33,7 +33,7 @@ STEPS = (
     Step("04_metrics_tables"),
     Step("05_whf_ablation"),
 )
-#: Notebooks that read epochs and so need to know how their events are named.
+#: Notebooks that read epochs: they need to know how events are named, and what to leave out.
 READ_EPOCHS = ("01_dataset_preprocessing", "02_loso_decoder", "03_policy_training")
 
 
@@ -119,6 +119,7 @@ def _parameters(study, step, workers, recompute):
     }
     if step.notebook in READ_EPOCHS:
         parameters["events"] = list(study.events)
+        parameters["drop_channels"] = list(study.drop_channels)
     return parameters
 
 

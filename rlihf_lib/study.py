@@ -34,6 +34,8 @@ class Study:
         Where `results/` and `figures/` go; empty for the repository.
     events : sequence of str
         Names of the correct and the error event in a folder of epochs.
+    drop_channels : sequence of str
+        Channels of a folder of epochs that are left out.
 
     Attributes
     ----------
@@ -46,10 +48,10 @@ class Study:
     ------
     ValueError
         If the profile is unknown, `eeg` is neither a known source nor a folder, or `events` are
-        not two names, or other ones than the default for a known source.
+        not two names, or events or channels to drop are named for a known source.
     """
 
-    def __init__(self, profile="quick", eeg="simulated", out="", events=EVENTS):
+    def __init__(self, profile="quick", eeg="simulated", out="", events=EVENTS, drop_channels=()):
         if profile not in PROFILES:
             raise ValueError(f"profile is {profile!r}; choose one of {', '.join(PROFILES)}")
         self.profile = PROFILES[profile]
@@ -75,6 +77,9 @@ class Study:
             raise ValueError(f"events are {self.events}; give the names of two, correct and error")
         if self.eeg in EEG_SOURCES and self.events != EVENTS:
             raise ValueError(f"events can be named for a folder of epochs only, not for {self.eeg}")
+        self.drop_channels = tuple(drop_channels)
+        if self.eeg in EEG_SOURCES and self.drop_channels:
+            raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
         self.name = f"{profile}-{self.eeg_name}"
         self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name

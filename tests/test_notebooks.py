@@ -55,6 +55,7 @@ def test_each_notebook_has_one_parameters_cell_with_the_common_literals(name):
     assert values.pop("condition", None) == ("rlihf" if name.startswith("03") else None)
     assert values.pop("live", None) == (False if name.startswith("03") else None)
     assert values.pop("events", None) == (["correct", "error"] if name in READ_EPOCHS else None)
+    assert values.pop("drop_channels", None) == ([] if name in READ_EPOCHS else None)
     assert values == PARAMETERS
 
 

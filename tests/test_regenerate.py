@@ -57,6 +57,7 @@ def test_help_is_short_and_starts_without_heavy_imports():
         (["--workers", "-1"], "'-1'"),
         (["--events", "hit", "hit"], "give the names of two"),
         (["--events", "hit", "miss"], "for a folder of epochs only, not for simulated"),
+        (["--drop-channels", "Cz"], "can be dropped from a folder only, not from simulated"),
         (["--wokers", "2"], "unrecognized arguments: --wokers"),
     ],
 )
@@ -87,14 +88,21 @@ def test_only_accepts_numbers_and_names():
     assert len(select([])) == 7
 
 
-def test_event_names_reach_the_notebooks_that_read_epochs_and_no_other(tmp_path, monkeypatch):
+def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(tmp_path, monkeypatch):
     given = {}
     monkeypatch.setattr(
         regenerate, "execute", lambda path, _, parameters, __: given.update({path.stem: parameters})
     )
     (tmp_path / "mine").mkdir()
     where = ["--eeg", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
-    assert main([*where, "--events", "hit", "miss", "--only", "01", "02", "04"]) == 0
+    options = ["--events", "hit", "miss", "--drop-channels", "label", "STI 014"]
+    assert main([*where, *options, "--only", "01", "02", "04"]) == 0
+    dropped = {name: parameters.get("drop_channels") for name, parameters in given.items()}
+    assert dropped == {
+        "01_dataset_preprocessing": ["label", "STI 014"],
+        "02_loso_decoder": ["label", "STI 014"],
+        "04_metrics_tables": None,
+    }
     events = {name: parameters.get("events") for name, parameters in given.items()}
     assert events == {
         "01_dataset_preprocessing": ["hit", "miss"],

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
+from scipy.ndimage import correlate1d
 
 from rlihf_lib.eeg.calibration import probability
 from rlihf_lib.eeg.eegnet import Architecture, EEGNetBatch
@@ -68,6 +69,37 @@ class Decoder:
     def p_error(self, signals):
         """Return calibrated p(error), Eq. (3), shape (n,); parameters as in `log_odds`."""
         return probability(self.log_odds(signals), self.temperature, self.prior)
+
+    def patterns(self, signals, network=0):
+        """What the filters of one network follow.
+
+        Parameters
+        ----------
+        signals : ndarray, shape (n, n_channels, n_times)
+            As for `log_odds`; patterns depend on what the filters are applied to.
+        network : int
+
+        Returns
+        -------
+        temporal : ndarray, shape (F1, kernel)
+            Temporal filters, at `input_format.network_sfreq`.
+        patterns : ndarray, shape (F1, D, n_channels)
+            Cov(x) w / Var(w x), x the signals behind the temporal filter: the activity that a
+            spatial filter w follows. Its weights themselves also serve to cancel noise, and say
+            nothing of places (Haufe et al. 2014, NeuroImage 87, 96-110).
+        """
+        state = self.networks.network_state(network)
+        temporal = state["temporal.weight"].detach().numpy()[:, 0, 0]
+        weights = state["spatial.weight"].detach().numpy()[:, 0, :, 0]
+        weights = weights.reshape(len(temporal), -1, signals.shape[1])
+        conditioned = self.input_format.condition(signals)
+        patterns = np.empty_like(weights)
+        for kernel, filters, found in zip(temporal, weights, patterns, strict=True):
+            x = correlate1d(conditioned, kernel, axis=-1, mode="constant")
+            covariance = np.cov(x.swapaxes(0, 1).reshape(x.shape[1], -1))
+            followed = filters @ covariance
+            found[:] = followed / (followed * filters).sum(axis=1, keepdims=True)
+        return temporal, patterns
 
     def save(self, path):
         """Write weights and everything needed to use them to a safetensors file, atomically."""

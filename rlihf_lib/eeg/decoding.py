@@ -18,6 +18,7 @@ from rlihf_lib.eeg import scores
 from rlihf_lib.eeg.calibration import probability
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.fitting import DEFAULTS, fit_fold
+from rlihf_lib.eeg.leaks import channel_auroc, refuse_leaks
 from rlihf_lib.eeg.preprocessing import Preprocessing, load_epochs
 from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
 from rlihf_lib.eeg.splits import leave_one_subject_out
@@ -69,17 +70,21 @@ def run_loso(
     ------
     ValueError
         If a subject cannot be decoded: channels, rates, NaN, classes; names subject and remedy.
+        If a channel alone tells the classes apart (`leaks.refuse_leaks`).
     """
     subjects = list(subjects)
     folder = Path(folder)
     folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
-    data, fingerprints, input_format = {}, {}, None
+    data, fingerprints, aurocs, input_format = {}, {}, [], None
     for subject in subjects:
         epochs = load_subject(load, subject, settings)
         input_format = input_format or InputFormat.of(epochs, settings.window)
-        signals = input_format.condition(input_format.pick(epochs)).astype(np.float32)
+        picked = input_format.pick(epochs)
+        aurocs.append(channel_auroc(picked, epochs.labels))
+        signals = input_format.condition(picked).astype(np.float32)
         data[subject] = signals, epochs.labels
         fingerprints[subject] = epochs.fingerprint()
+    refuse_leaks(aurocs, input_format.channels, "the epochs")
     hashes = {fold.test: _fold_hash(fold, settings, input_format, fingerprints) for fold in folds}
     missing = [f for f in folds if recompute or not _is_done(folder, f.test, hashes[f.test])]
     if progress:
@@ -99,7 +104,7 @@ def run_loso(
     return _merge(folder, subjects, settings, input_format, hashes)
 
 
-def loader(eeg, events=("correct", "error")):
+def loader(eeg, events=("correct", "error"), drop_channels=()):
     """Return the loader of a source's epochs that `run_loso` takes, in the recorded reference.
 
     Parameters
@@ -108,6 +113,8 @@ def loader(eeg, events=("correct", "error")):
         "simulated", "hri" or a folder of epochs; see `preprocessing.load_epochs`.
     events : pair of str
         Names of the correct and the error event in a folder of epochs.
+    drop_channels : sequence of str
+        Channels of a folder of epochs that are left out.
 
     Returns
     -------
@@ -121,7 +128,12 @@ def loader(eeg, events=("correct", "error")):
     to 0.64. The paper says "re-referencing"; its recordings come referenced to linked mastoids.
     """
     correct, error = events
-    settings = Preprocessing(reference="recorded", correct_event=correct, error_event=error)
+    settings = Preprocessing(
+        reference="recorded",
+        correct_event=correct,
+        error_event=error,
+        drop_channels=tuple(drop_channels),
+    )
     return partial(load_epochs, eeg, settings=settings)
 
 

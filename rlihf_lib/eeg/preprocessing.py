@@ -41,6 +41,8 @@ class Preprocessing:
     #: Names of the events in a folder of epochs.
     correct_event: str = "correct"
     error_event: str = "error"
+    #: Channels of a folder of epochs that are left out.
+    drop_channels: tuple = ()
 
     def __post_init__(self):
         if self.reference not in ("average", "recorded"):
@@ -223,7 +225,7 @@ def _epochs(data, info, tmin, metadata):
 
 def _folder_epochs(folder, subject, settings):
     data, info, tmin, labels, sessions = recordings.read_folder_epochs(
-        folder, subject, settings.correct_event, settings.error_event
+        folder, subject, settings.correct_event, settings.error_event, settings.drop_channels
     )
     metadata = pd.DataFrame(
         {"subject": subject, "session": sessions, "epoch": np.arange(len(data)), "label": labels}

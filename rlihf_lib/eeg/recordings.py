@@ -14,6 +14,7 @@ import scipy.io
 
 from rlihf_lib.eeg import hri, simulated
 from rlihf_lib.eeg.dataset import EEG_CHANNELS, SUBJECTS, check_subject
+from rlihf_lib.eeg.leaks import refuse_unlocated
 
 _FOLDER_FILE = re.compile(r"sub-(?P<subject>[^_]+)(?:_ses-(?P<session>[^_]+))?_epo\.fif")
 
@@ -80,7 +81,7 @@ def read_raw(path):
     -------
     mne.io.Raw
         In volts, channels typed (names with EOG are ``eog``, all others ``eeg``), with the
-        10-20 positions of the names that have one, and the events as annotations at
+        10-05 positions of the names that have one, and the events as annotations at
         ``(latency - 1) / srate`` seconds.
 
     Raises
@@ -156,7 +157,7 @@ def read_recording(eeg, subject):
     return raw
 
 
-def read_folder_epochs(folder, subject, correct="correct", error="error"):
+def read_folder_epochs(folder, subject, correct="correct", error="error", drop=()):
     """Epochs of one subject of a folder, its sessions joined in the order of their names.
 
     Parameters
@@ -167,6 +168,8 @@ def read_folder_epochs(folder, subject, correct="correct", error="error"):
         The XX.
     correct, error : str
         Names of the two events in the files; epochs of other events are left out.
+    drop : sequence of str
+        Channels left out, in the sessions that have them.
 
     Returns
     -------
@@ -185,7 +188,12 @@ def read_folder_epochs(folder, subject, correct="correct", error="error"):
         If there is no such folder.
     ValueError
         If the subject is unknown, sessions differ in sampling rate, window or channels, a value is
-        NaN, or the subject has no epoch of one class.
+        NaN, the subject has no epoch of one class or no channel of a name to drop, or an EEG
+        channel has no position.
+
+    Notes
+    -----
+    Channels of other types than EEG and EOG are left out.
     """
     files = sorted(
         (match["session"] or "", path)
@@ -203,6 +211,7 @@ def read_folder_epochs(folder, subject, correct="correct", error="error"):
         found |= set(epochs.event_id)
         codes = {epochs.event_id[name]: i for i, name in enumerate((correct, error))
                  if name in epochs.event_id}  # fmt: skip
+        epochs = epochs.drop_channels(without(epochs.ch_names, drop, path))
         epochs = epochs.pick(["eeg", "eog"], exclude=())[np.isin(epochs.events[:, 2], list(codes))]
         first = first or epochs
         require_channels(epochs.ch_names, first.ch_names, path)
@@ -227,12 +236,42 @@ def read_folder_epochs(folder, subject, correct="correct", error="error"):
                 f"{', '.join(sorted(found)) or 'none'}); name the two with --events OK ERR"
             )
     set_positions(first)
+    refuse_unlocated(first.info, files[0][1])
     return np.concatenate(data), first.info, first.tmin, labels, np.array(sessions)
 
 
+def without(names, drop, path):
+    """Return the channels to drop, `drop`, once all of them are known to be there.
+
+    Raises
+    ------
+    ValueError
+        Naming those that are not, and the channels there are.
+    """
+    unknown = [name for name in drop if name not in names]
+    if unknown:
+        raise ValueError(
+            f"{path} has no channel {', '.join(unknown)} to drop; it has {', '.join(names)}"
+        )
+    return list(drop)
+
+
+def other_channels(folder, drop=()):
+    """Channels of a folder's first file that are neither EEG nor EOG, nor dropped: never decoded.
+
+    Returns
+    -------
+    dict of str to str
+        Type by name, such as {"STI 014": "stim"}.
+    """
+    info = mne.read_epochs(_folder_files(folder)[0][0], preload=False, verbose="error").info
+    types = zip(info.ch_names, info.get_channel_types(), strict=True)
+    return {n: kind for n, kind in types if kind not in ("eeg", "eog") and n not in drop}
+
+
 def set_positions(instance):
-    """Give EEG channels without a position the one of the 10-20 system, by their name."""
-    montage = mne.channels.make_standard_montage("standard_1020")
+    """Give EEG channels without a position the one of the 10-05 system, by their name."""
+    montage = mne.channels.make_standard_montage("standard_1005")
     located = [
         not np.isnan(channel["loc"][:3]).any() and channel["loc"][:3].any()
         for channel in instance.info["chs"]

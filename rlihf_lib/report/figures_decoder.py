@@ -132,12 +132,14 @@ def reliability_figure(table, caption="", n_bins=10):
     return fig
 
 
-def filters_figure(decoder, positions, network=0, caption=""):
-    """Show what one network of a decoder filters: spectra above, topographies below.
+def patterns_figure(decoder, signals, positions, network=0, caption=""):
+    """Show what one network of a decoder follows: temporal filters above, patterns below.
 
     Parameters
     ----------
     decoder : decoder.Decoder
+    signals : ndarray, shape (n, n_channels, n_times)
+        Epochs, in volts, for the patterns; see `Decoder.patterns`.
     positions : mne.Info
         With the positions of the decoder's channels.
     network : int
@@ -146,26 +148,18 @@ def filters_figure(decoder, positions, network=0, caption=""):
     Returns
     -------
     matplotlib Figure
-
-    Notes
-    -----
-    Filters, not patterns: a large weight may also serve to cancel noise (Haufe et al. 2014,
-    NeuroImage 87, 96-110).
     """
-    architecture = decoder.networks.architecture
-    state = {k: v.detach() for k, v in decoder.networks.network_state(network).items()}
-    temporal = state["temporal.weight"].numpy()[:, 0, 0]
-    spatial = state["spatial.weight"].numpy()[:, 0, :, 0]
-    spatial = spatial.reshape(architecture.F1, architecture.D, -1)
+    temporal, patterns = decoder.patterns(signals, network)
+    n_temporal, n_spatial, _ = patterns.shape
     info = mne.pick_info(positions, [positions.ch_names.index(c) for c in _eeg(decoder, positions)])
     picks = [decoder.input_format.channels.index(name) for name in info.ch_names]
     frequencies = np.fft.rfftfreq(256, 1 / decoder.input_format.network_sfreq)
     gains = np.abs(np.fft.rfft(temporal, 256, axis=1))
     fig, axes = plt.subplots(
-        1 + architecture.D, architecture.F1, figsize=(PAGE_WIDTH, 1.0 + 0.95 * architecture.D),
+        1 + n_spatial, n_temporal, figsize=(PAGE_WIDTH, 1.0 + 0.95 * n_spatial),
         squeeze=False,
     )  # fmt: skip
-    for f in range(architecture.F1):
+    for f in range(n_temporal):
         ax = axes[0, f]
         ax.plot(frequencies, gains[f] / gains.max(), color=COLORS["dense"])
         ax.set(ylim=(0, 1.05), xlim=(0, 15), title=f"filter {f + 1}")
@@ -173,14 +167,14 @@ def filters_figure(decoder, positions, network=0, caption=""):
             ax.set_yticklabels([])
         else:
             ax.set(ylabel="Gain (rel.)", xlabel="Frequency (Hz)")
-        for d in range(architecture.D):
-            limit = np.abs(spatial).max()
+        for d in range(n_spatial):
+            pattern = patterns[f, d, picks]
             image, _ = mne.viz.plot_topomap(
-                spatial[f, d, picks], info, axes=axes[1 + d, f], show=False, contours=0,
-                cmap="RdBu_r", vlim=(-limit, limit), sensors=False,
+                pattern / np.abs(pattern).max(), info, axes=axes[1 + d, f], show=False, contours=0,
+                cmap="RdBu_r", vlim=(-1, 1), sensors=False,
             )  # fmt: skip
     bar = fig.colorbar(image, ax=axes[1:, -1], shrink=0.8, aspect=12)
-    bar.set_label("Weight")
+    bar.set_label("Pattern (rel.)")
     note(fig, caption)
     return fig
 

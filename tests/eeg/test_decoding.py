@@ -79,6 +79,23 @@ def test_the_table_holds_every_held_out_epoch_and_equals_the_saved_decoder(finis
         np.testing.assert_allclose(rows["p_error"], offline, atol=1e-9)
 
 
+def test_patterns_are_what_the_filters_follow_not_their_weights(finished, dataset):
+    decoder = decoding.load_decoder(finished, SUBJECTS[0])
+    signals = decoder.input_format.pick(decoding.load_subject(dataset, SUBJECTS[0]))
+    temporal, patterns = decoder.patterns(signals)
+    state = decoder.networks.network_state(0)
+    weights = state["spatial.weight"].detach().numpy()[:, 0, :, 0].reshape(patterns.shape)
+    x = decoder.input_format.condition(signals)
+    x = np.apply_along_axis(np.convolve, -1, x, temporal[0][::-1], "same")
+    x = x.swapaxes(0, 1).reshape(x.shape[1], -1)
+    x -= x.mean(axis=1, keepdims=True)
+    followed = weights[0, 0] @ x
+    regressed = x @ followed / (followed @ followed)
+    np.testing.assert_allclose(patterns[0, 0], regressed, rtol=0.05, atol=0.02)
+    np.testing.assert_allclose((patterns * weights).sum(axis=-1), 1, atol=1e-6)
+    assert not np.allclose(patterns[0, 0], weights[0, 0], atol=0.1)
+
+
 @pytest.mark.parametrize("poison", ["signals", "labels"])
 def test_the_held_out_subject_touches_nothing_of_its_fold(
     poison, finished, dataset, make_epochs, tmp_path

@@ -14,7 +14,7 @@ def test_a_folder_of_ones_own_is_decoded_by_the_command(make_epochs, tmp_path, m
     folder.mkdir()
     for number, sessions in ((3, "ab"), (7, "a"), (9, "a")):
         for session in sessions:
-            epochs = make_epochs(10 * number + ord(session), amplitude=9e-6)
+            epochs = make_epochs(10 * number + ord(session), amplitude=6e-6)
             epochs.event_id = {"good": 1, "bad": 2}
             if number == 7:
                 epochs.reorder_channels(epochs.ch_names[::-1])

@@ -1,0 +1,94 @@
+"""A channel that isn't EEG, or that knows the answer, is refused by name."""
+
+import mne
+import numpy as np
+import pytest
+
+from rlihf_lib.__main__ import main
+from rlihf_lib.eeg import leaks
+from rlihf_lib.eeg.decoding import loader, run_loso
+from rlihf_lib.eeg.recordings import other_channels, read_folder_epochs
+
+SUBJECTS = ["01", "02", "03"]
+
+
+def labels_of(epochs):
+    return (epochs.events[:, 2] == epochs.event_id["error"]).astype(float)
+
+
+def write(folder, make_epochs, signal=None, name="P10", kind="eeg"):
+    """Epochs of three people, with a further channel `signal(labels, times)`, volts."""
+    folder.mkdir(exist_ok=True)
+    for number, subject in enumerate(SUBJECTS):
+        epochs = make_epochs(number)
+        if signal:
+            values = signal(labels_of(epochs)[:, None], epochs.times) + 0 * epochs.times
+            info = mne.create_info([name], epochs.info["sfreq"], kind)
+            extra = mne.EpochsArray(
+                values[:, None], info, epochs.events, epochs.tmin, epochs.event_id, verbose="error"
+            )
+            epochs.add_channels([extra], force_update_info=True)
+        epochs.save(folder / f"sub-{subject}_epo.fif", verbose="error")
+    return folder
+
+
+def noise(scale):
+    return np.random.default_rng(0).normal(0, scale, (60, 1))
+
+
+LEAKS = {
+    "constant": lambda labels, times: 1e-5 * labels,
+    "inverted": lambda labels, times: -1e-5 * labels,
+    "a volt": lambda labels, times: labels,
+    "pulse": lambda labels, times: 1e-5 * labels * (abs(times - 0.4) < 0.02),
+    "noisy": lambda labels, times: 1e-5 * labels + noise(2e-6),
+}
+
+
+@pytest.mark.parametrize("kind", LEAKS)
+def test_a_channel_that_carries_the_label_is_refused(kind, make_epochs, tmp_path):
+    folder = write(tmp_path / "mine", make_epochs, LEAKS[kind])
+    message = r"channel P10 \(AUROC .*\) alone tells .* --drop-channels P10"
+    with pytest.raises(ValueError, match=message):
+        run_loso(loader(folder), SUBJECTS, tmp_path / "out")
+    with pytest.raises(ValueError, match=message):
+        leaks.single_channels(loader(folder), SUBJECTS, "mine")
+    left = leaks.single_channels(loader(folder, drop_channels=["P10"]), SUBJECTS, "mine")
+    assert left.max() < leaks.MAX_AUROC and "P10" not in left
+
+
+def test_an_eeg_channel_without_a_position_is_refused(make_epochs, tmp_path):
+    folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"], "label")
+    with pytest.raises(ValueError, match=r"sub-01_epo.fif: EEG channel label has no position"):
+        read_folder_epochs(folder, "01")
+    data, info, *_ = read_folder_epochs(folder, "01", drop=["label"])
+    assert "label" not in info.ch_names and data.shape[1] == len(info.ch_names)
+
+
+def test_channels_of_other_types_are_told_and_never_decoded(make_epochs, tmp_path):
+    folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"], "STI 014", "stim")
+    assert other_channels(folder) == {"STI 014": "stim"}
+    assert "STI 014" not in read_folder_epochs(folder, "01")[1].ch_names
+
+
+def test_a_channel_to_drop_that_is_not_there_is_named(make_epochs, tmp_path):
+    folder = write(tmp_path / "mine", make_epochs)
+    with pytest.raises(ValueError, match=r"has no channel Q7 to drop; it has .*Cz"):
+        read_folder_epochs(folder, "01", drop=["Q7"])
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_command_refuses_a_leak_and_takes_the_remedy(make_epochs, tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"])
+    command = ["--profile", "smoke", "--eeg", str(folder), "--out", str(tmp_path / "out")]
+    command += ["--only", "01"]
+    assert main(command) == 1
+    assert "channel P10 (AUROC 1.000) alone tells" in capfd.readouterr().err
+    assert main([*command, "--drop-channels", "P10"]) == 0, capfd.readouterr().err
+
+
+def test_auroc_of_one_channel_is_that_of_its_ranks():
+    signals = np.array([3.0, 1, 2, 4])[:, None, None]
+    auroc = leaks.channel_auroc(signals, np.array([1, 0, 1, 0]))
+    assert auroc.shape == (1, 2) and auroc[0, 0] == 0.5
