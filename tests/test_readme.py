@@ -2,10 +2,12 @@
 
 import re
 
+import pandas as pd
 import pytest
 
 from rlihf_lib.__main__ import parser
-from rlihf_lib.study import REPOSITORY
+from rlihf_lib.rl.incentives import explained_sentence
+from rlihf_lib.study import REPOSITORY, Study
 
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 
@@ -17,7 +19,7 @@ def test_links_and_pictures_exist(target):
 
 def test_every_option_is_described_and_every_described_option_exists():
     options = {o for a in parser()._actions for o in a.option_strings if o.startswith("--")}
-    described = set(re.findall(r"--[a-z]+", README)) - {"--json"}
+    described = set(re.findall(r"--[a-z][a-z-]+", README)) - {"--json"}
     assert options - {"--help"} == described
 
 
@@ -26,3 +28,9 @@ def test_ci_runs_the_command_of_the_readme():
     assert command in README
     ci = (REPOSITORY / ".ci" / "run").read_text().replace("--quiet ", "")
     assert command in ci
+
+
+@pytest.mark.parametrize("observer", ["path", "lay"])
+def test_how_much_dense_reward_explains_is_what_notebook_03_computed(observer):
+    table = pd.read_csv(Study("quick").tables / "explained_by_dense_rlihf.csv", index_col="robot")
+    assert explained_sentence(observer, table[observer]) in " ".join(README.split())

@@ -215,3 +215,20 @@ def explained_by_dense(moments, observer):
     ]
     right = [1 - observer(moment) for moment in moments]
     return float(np.corrcoef(dense, right)[0, 1] ** 2)
+
+
+def explained_sentence(observer, values):
+    """Say in a sentence how much of an observer's judgement the dense reward explains.
+
+    Parameters
+    ----------
+    observer : str
+    values : Series
+        From `explained_by_dense`, by robot.
+
+    Returns
+    -------
+    str
+    """
+    each = ", ".join(f"{value:.0%} ({robot})" for robot, value in values.items())
+    return f"The dense reward explains {each} of what the {observer} observer takes for right."
