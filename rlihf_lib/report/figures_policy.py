@@ -1,20 +1,19 @@
-"""Figures of the policies: Fig. 4, Fig. 6 and what the paper leaves out.
+"""Figures of learning: Fig. 4, Fig. 6, and what the learner says of itself.
 
 Each function takes the table of `evaluations.load_runs`, draws, and returns axes or a figure. Lines
-and diamonds are means over runs; bands and bars 95 % intervals (`statistics`). Where fewer than
-five people, or seeds of one, were drawn, the runs themselves are shown instead.
+are means over runs, bands 95 % intervals (`statistics`). Where fewer than five people, or seeds of
+one, were drawn, the runs themselves are shown instead.
 """
 
 from itertools import cycle
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
 
 from rlihf_lib.report import paper
-from rlihf_lib.report.evaluations import RANGES, UNBOUNDED, late_scores, size, unit_means
-from rlihf_lib.report.statistics import EQUIVALENCE_MARGIN, MIN_UNITS, mean_interval, spearman
-from rlihf_lib.report.style import COLUMN_WIDTH, PAGE_WIDTH, color, label, note, ordered, shades
+from rlihf_lib.report.evaluations import RANGES, UNBOUNDED, unit_means
+from rlihf_lib.report.statistics import MIN_UNITS, mean_interval
+from rlihf_lib.report.style import COLUMN_WIDTH, PAGE_WIDTH, color, label, note, shades
 
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
@@ -60,11 +59,15 @@ def learning_curve(runs, ax, metric="return", **line):
 def group_curve(runs, ax, group, metric="return", **line):
     """Draw the curve of one group in its colour and dashes; see `learning_curve`."""
     return learning_curve(
-        runs[runs["group"] == group], ax, metric, **{**_line(group), "label": label(group), **line}
+        runs[runs["group"] == group],
+        ax,
+        metric,
+        **{**line_style(group), "label": label(group), **line},
     )
 
 
-def _line(group):
+def line_style(group):
+    """Colour and dashes of a group's lines."""
     return {"color": color(group), "linestyle": DASHES[group.split("-")[0]]}
 
 
@@ -242,118 +245,5 @@ def success_figure(runs, total_steps, caption="", groups=paper.CONDITIONS):
         ax.set_ylim(bottom=0)
     axes[0].set_ylim(-0.03, 1.03)
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    note(fig, caption)
-    return fig
-
-
-def safety_figure(runs, total_steps, caption=""):
-    """Collisions and minimum clearance in the late phase: a dot per run, the mean, its interval.
-
-    Returns
-    -------
-    matplotlib Figure
-    """
-    late = late_scores(runs, total_steps).set_index(["group", "subject"])
-    late["min_clearance"] *= 100  # m to cm
-    fig, axes = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, 1.9))
-    rng = np.random.default_rng(0)
-    for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
-        for position, group in enumerate(paper.CONDITIONS):
-            scores, style = late.loc[group, metric].dropna(), {"color": color(group)}
-            jitter = position + rng.uniform(-0.12, 0.12, len(scores))
-            ax.plot(jitter, scores, "o", **style, markersize=3, alpha=0.45, markeredgewidth=0)
-            means = unit_means(scores)
-            low, high = mean_interval(means, RANGES.get(metric, UNBOUNDED))
-            ax.vlines(position + 0.25, low, high, **style)
-            ax.plot(position + 0.25, means.mean(), "D", **style, markersize=4)
-        ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
-        ax.set_xticks(range(3), [label(group).removeprefix("RL ") for group in paper.CONDITIONS])
-        ax.set_ylim(0, 1.1 * late[metric].max() or 1)
-    note(fig, caption)
-    return fig
-
-
-def comparison_figure(runs, table, total_steps, caption=""):
-    """Performance profiles of late success, and how likely a run of RLIHF beats one of another.
-
-    Parameters
-    ----------
-    runs : DataFrame
-        Of the groups whose profiles are drawn: the share of runs with a score above each threshold
-        (Agarwal et al. 2021).
-    table : DataFrame
-        From `tables.comparison_table`.
-    total_steps : int
-    caption : str
-
-    Returns
-    -------
-    matplotlib Figure
-    """
-    late, taus = late_scores(runs, total_steps), np.linspace(0, 1, 101)
-    fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), width_ratios=[1.2, 1])
-    for group in ordered(late["group"]):
-        chosen = late[late["group"] == group].set_index("subject")
-        above = pd.DataFrame(chosen[["success"]].to_numpy() > taus, chosen.index, dtype=float)
-        shares = unit_means(above)
-        name = f"{label(group)} ({size(chosen.reset_index())})"
-        left.step(taus, shares.mean(), where="post", label=name, **_line(group))
-        low, high = mean_interval(shares, (0, 1))
-        left.fill_between(taus, low, high, step="post", color=color(group), alpha=0.18, lw=0)
-    left.set(xlabel=r"Late success rate $\tau$", ylabel=r"Share of runs above $\tau$")
-    left.set(xlim=(-0.02, 1.02), ylim=(-0.03, 1.03))
-    fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    rows = table[table["metric"] == "success"][::-1]
-    style = {"color": color("rlihf")}
-    right.hlines(range(len(rows)), rows["improvement_low"], rows["improvement_high"], **style)
-    right.plot(rows["improvement"], range(len(rows)), "D", markersize=4, **style)
-    right.axvline(0.5, color="#767676", linewidth=0.8, linestyle=":")
-    right.set_yticks(range(len(rows)), rows["comparison"].str.replace(" - ", " > "))
-    right.set(xlim=(-0.03, 1.03), ylim=(-0.6, len(rows) - 0.4))
-    right.set_xlabel("P(improvement) in late success")
-    note(fig, caption)
-    return fig
-
-
-def decoder_policy_figure(runs, table, total_steps, caption=""):
-    """Does a better decoder give a better policy? Late success against AUROC, a point a person.
-
-    Parameters
-    ----------
-    runs : DataFrame
-        Each of RLIHF's is a small dot.
-    table : DataFrame
-        From `tables.subject_table`. People are named whose policies stay behind dense reward by
-        more than `statistics.EQUIVALENCE_MARGIN`.
-    total_steps : int
-    caption : str
-
-    Returns
-    -------
-    matplotlib Figure
-        The title holds Spearman's correlation, its interval and p.
-    """
-    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.5))
-    style = {"color": color("rlihf")}
-    late = (
-        late_scores(runs, total_steps).query("group == 'rlihf'").merge(table[["subject", "auroc"]])
-    )
-    ax.plot(late["auroc"], late["success"], "o", **style, ms=3, alpha=0.35, mew=0)
-    ax.vlines(table["auroc"], table["success_low"], table["success_high"], **style)
-    ax.plot(table["auroc"], table["success"], "D", **style, ms=4, label=label("rlihf"))
-    for row in table[table["success"] < table["dense"] - EQUIVALENCE_MARGIN].itertuples():
-        ax.annotate(
-            row.subject, (row.auroc, row.success), (4, 4), textcoords="offset points", fontsize=7
-        )
-    ax.axhline(table["dense"].iloc[0], **_line("dense"), label=label("dense"))
-    r = spearman(table["auroc"], table["success"])
-    spread = "no interval" if np.isnan(r["ci_low"]) else f"[{r['ci_low']:.2f}, {r['ci_high']:.2f}]"
-    ax.set_title(
-        rf"Spearman's $\rho$ = {r['rho']:.2f}, {spread}, n = {r['n']}"
-        f"\np = {r['p']:.2g} (smallest possible: {r['smallest_p']:.2g})"
-    )
-    ax.set(xlabel="AUROC of the held-out person", ylabel="Success rate, late phase")
-    ax.set(ylim=(-0.05, 1.05))
-    ax.legend(loc="best")
     note(fig, caption)
     return fig

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import figures_policy, tables
+from rlihf_lib.report import figures_late, figures_policy, tables
 from rlihf_lib.report.evaluations import load_runs
 from rlihf_lib.report.style import LABELS, color, ordered, save_figure, shades
 
@@ -93,7 +93,7 @@ def test_every_group_has_a_colour_of_its_own():
 
 def test_the_profile_is_the_share_of_runs_above(runs):
     table = tables.comparison_table(runs, T)
-    left, right = figures_policy.comparison_figure(runs, table, T).axes
+    left, right = figures_late.comparison_figure(runs, table, T).axes
     late = runs[(runs["step"] == T) & (runs["group"] == "rlihf")]["success"].to_numpy()
     line = named(left)["RLIHF (12 people x 5 seeds)"]
     for tau, share in zip(line.get_xdata()[::10], line.get_ydata()[::10], strict=True):
@@ -109,13 +109,13 @@ def test_the_profile_is_the_share_of_runs_above(runs):
 def test_supplementary_conditions_are_drawn_like_the_others(runs, supplement):
     both = pd.concat([runs[runs["group"] == "rlihf"], supplement])
     table = tables.comparison_table(both, T, ordered(supplement["group"]), ("success",))
-    left, right = figures_policy.comparison_figure(both, table, T).axes
+    left, right = figures_late.comparison_figure(both, table, T).axes
     assert len(named(left)) == 5 and len(right.get_yticklabels()) == 4
 
 
 def test_decoder_against_policy_says_how_far_they_go_together(runs, scores):
     table = tables.subject_table(runs, scores, T)
-    (ax,) = figures_policy.decoder_policy_figure(runs, table, T).axes
+    (ax,) = figures_late.decoder_policy_figure(runs, table, T).axes
     known = tables.correlation_table(table).iloc[0]
     title = ax.get_title()
     assert f"{known['rho']:.2f}, [{known['ci_low']:.2f}, {known['ci_high']:.2f}], n = 12" in title
@@ -125,15 +125,27 @@ def test_decoder_against_policy_says_how_far_they_go_together(runs, scores):
     assert "s02" in behind and "s13" not in behind
 
 
+def test_time_and_clearance_are_those_of_late_successes(runs, weighed):
+    runs = pd.concat([runs[runs["group"] == "dense"], weighed])
+    runs = runs.assign(steps=np.where(runs["success"] > 0.5, 80, 1000))
+    runs["success"] = (runs["success"] > 0.5).astype(int)
+    fig = figures_late.trade_off_figure(runs, 3000, "hand-made")
+    (ax,) = fig.axes
+    assert ax.get_legend_handles_labels()[1] == [
+        "RL dense", *(f"RLIHF, $w_{{hf}}$ = {w:g}" for w in (0.1, 0.4, 0.7))
+    ]  # fmt: skip
+    assert {x for line in ax.lines if line.get_marker() == "o" for x in line.get_xdata()} == {8.0}
+
+
 def test_a_single_run_each_can_be_drawn(study):
     runs = load_runs(study)
     table = tables.subject_table(runs, study.scores(), T)
     figures = [
         figures_policy.figure_4(runs, study.scores(), T),
         figures_policy.success_figure(runs, T),
-        figures_policy.safety_figure(runs, T),
-        figures_policy.comparison_figure(runs, tables.comparison_table(runs, T), T),
-        figures_policy.decoder_policy_figure(runs, table, T),
+        figures_late.safety_figure(runs, T),
+        figures_late.comparison_figure(runs, tables.comparison_table(runs, T), T),
+        figures_late.decoder_policy_figure(runs, table, T),
         figures_policy.figure_6(
             load_runs(study, ("sparse", "dense", "ablation")), study.profile.weights, T
         ).figure,
@@ -155,7 +167,7 @@ def test_training_is_a_line_per_run_beside_its_evaluation(runs):
 
 
 def test_saved_figures_say_what_they_were_drawn_from(study):
-    fig = figures_policy.safety_figure(load_runs(study), T)
+    fig = figures_late.safety_figure(load_runs(study), T)
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
     before = (study.figures / "safety.pdf").read_bytes()
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
