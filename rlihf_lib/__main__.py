@@ -13,6 +13,7 @@ def parser():
     """Build the parser of the main command."""
     result = argparse.ArgumentParser(
         prog="python -m rlihf_lib",
+        usage="python -m rlihf_lib [options]",
         description="From EEG recordings to every figure and table of the paper. What is done "
         "already, shipped results included, is used; the rest is computed.",
         epilog="`python -m rlihf_lib bench [--json FILE]` measures the speed of every part, "

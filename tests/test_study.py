@@ -28,6 +28,15 @@ def test_unknown_profiles_and_sources_are_named_with_the_choices(tmp_path):
         Study("smoke", tmp_path / "hri")
 
 
+def test_channels_can_be_dropped_from_a_folder_only(tmp_path):
+    (tmp_path / "mine").mkdir()
+    study = Study("smoke", tmp_path / "mine", drop_channels=["Status", "EOG2"])
+    assert study.drop_channels == ("Status", "EOG2") and study.name == "smoke-mine"
+    for source in ("simulated", "hri"):
+        with pytest.raises(ValueError, match=f"from a folder only, not from {source}"):
+            Study("smoke", source, drop_channels=["Cz"])
+
+
 def test_folders_follow_profile_and_source(tmp_path):
     (tmp_path / "mydata").mkdir()
     study = Study("quick", tmp_path / "mydata", tmp_path)
