@@ -5,8 +5,11 @@ same numbers. This module does it all the same, as it would be with somebody wea
 so shows that the table hides nothing: the run is the same, bit by bit.
 """
 
+from functools import lru_cache
+
 from rlihf_lib.eeg.streaming import StreamDecoder
 from rlihf_lib.rl.training import train_run
+from rlihf_lib.study import EEG_SOURCES
 
 CHUNK = 32  # samples an amplifier delivers at a time
 
@@ -57,15 +60,31 @@ def train_live(study, config, folder, p_error=None, progress=lambda step: None):
     ------
     FileNotFoundError
         If the subject's decoder has not been trained yet.
+    ValueError
+        If a channel of a folder of epochs knows the answer (`leaks.refuse_leaks`).
     """
     decode = None
     if config.subject:
         # Imports MNE, so only when asked.
-        from rlihf_lib.eeg.decoding import load_decoder, load_subject, loader
+        from rlihf_lib.eeg.decoding import load_decoder, load_subject
 
         decoder = load_decoder(study.decoder, config.subject)
-        held_out = load_subject(
-            loader(study.eeg, study.events, study.drop_channels), config.subject
-        )
+        load = _loader(study.eeg, study.events, study.drop_channels, tuple(study.subjects()))
+        held_out = load_subject(load, config.subject)
         decode = LiveFeedback(decoder, held_out)
     train_run(config, folder, p_error, progress, decode)
+
+
+@lru_cache(maxsize=1)
+def _loader(eeg, events, drop_channels, subjects):
+    """Return the loader of a source, once its channels are known to be honest.
+
+    A process looks at them once and not for every run; the built-in sources' are known.
+    """
+    from rlihf_lib.eeg.decoding import loader
+    from rlihf_lib.eeg.leaks import single_channels
+
+    load = loader(eeg, events, drop_channels)
+    if eeg not in EEG_SOURCES:
+        single_channels(load, subjects, eeg)
+    return load

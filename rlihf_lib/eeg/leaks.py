@@ -29,18 +29,19 @@ def refuse_unlocated(info, path):
     ValueError
         Names the channels without a position of their own or of the 10-05 system, and the remedy.
     """
-    lost = [
-        name
-        for name, kind, channel in zip(
-            info.ch_names, info.get_channel_types(), info["chs"], strict=True
-        )
-        if kind == "eeg" and not (np.isfinite(channel["loc"][:3]).all() and channel["loc"].any())
-    ]
+    kinds = zip(info.get_channel_types(), info["chs"], strict=True)
+    lost = [c["ch_name"] for kind, c in kinds if kind == "eeg" and not is_located(c)]
     if lost:
         raise ValueError(
             f"{path}: EEG channel {', '.join(lost)} has no position, neither in the file nor by a "
             f"name of the 10-05 system; {REMEDY.format(names=' '.join(lost))}"
         )
+
+
+def is_located(channel):
+    """Whether a channel, an entry of `info["chs"]`, has a place."""
+    place = channel["loc"][:3]
+    return bool(np.isfinite(place).all() and place.any())
 
 
 def channel_auroc(signals, labels):

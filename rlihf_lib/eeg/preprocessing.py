@@ -185,7 +185,9 @@ def _filter(raw, settings):
 def _cached(eeg, subject, settings):
     path = recordings.recording_path(eeg, subject)
     content = [sha256(file) for file in (path, path.with_suffix(".fdt")) if file.is_file()]
-    key = sha256(canonical_json([_VERSION, eeg, subject, content, asdict(settings)]))[:16]
+    used = asdict(settings)
+    del used["drop_channels"]  # says nothing of recordings, whose cached epochs stay good
+    key = sha256(canonical_json([_VERSION, eeg, subject, content, used]))[:16]
     file = cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
     table = file.with_name(f"{subject}-{key}.csv")
     if not (file.is_file() and table.is_file()):

@@ -14,7 +14,7 @@ import scipy.io
 
 from rlihf_lib.eeg import hri, simulated
 from rlihf_lib.eeg.dataset import EEG_CHANNELS, SUBJECTS, check_subject
-from rlihf_lib.eeg.leaks import refuse_unlocated
+from rlihf_lib.eeg.leaks import is_located, refuse_unlocated
 
 _FOLDER_FILE = re.compile(r"sub-(?P<subject>[^_]+)(?:_ses-(?P<session>[^_]+))?_epo\.fif")
 
@@ -188,8 +188,8 @@ def read_folder_epochs(folder, subject, correct="correct", error="error", drop=(
         If there is no such folder.
     ValueError
         If the subject is unknown, sessions differ in sampling rate, window or channels, a value is
-        NaN, the subject has no epoch of one class or no channel of a name to drop, or an EEG
-        channel has no position.
+        NaN, the subject has no epoch of one class, no file has a channel of a name to drop, or an
+        EEG channel has no position.
 
     Notes
     -----
@@ -202,16 +202,11 @@ def read_folder_epochs(folder, subject, correct="correct", error="error", drop=(
     )
     data, labels, sessions, found, first = [], [], [], set(), None
     for session, path in files:
-        try:
-            epochs = mne.read_epochs(path, verbose="error")
-        except Exception as problem:
-            raise ValueError(
-                f"{path} cannot be read as MNE epochs ({problem}); copy it anew"
-            ) from problem
+        epochs = _read(mne.read_epochs, path)
         found |= set(epochs.event_id)
         codes = {epochs.event_id[name]: i for i, name in enumerate((correct, error))
                  if name in epochs.event_id}  # fmt: skip
-        epochs = epochs.drop_channels(without(epochs.ch_names, drop, path))
+        epochs = epochs.drop_channels(_to_drop(epochs.ch_names, drop, folder))
         epochs = epochs.pick(["eeg", "eog"], exclude=())[np.isin(epochs.events[:, 2], list(codes))]
         first = first or epochs
         require_channels(epochs.ch_names, first.ch_names, path)
@@ -240,45 +235,71 @@ def read_folder_epochs(folder, subject, correct="correct", error="error", drop=(
     return np.concatenate(data), first.info, first.tmin, labels, np.array(sessions)
 
 
-def without(names, drop, path):
-    """Return the channels to drop, `drop`, once all of them are known to be there.
-
-    Raises
-    ------
-    ValueError
-        Naming those that are not, and the channels there are.
-    """
-    unknown = [name for name in drop if name not in names]
-    if unknown:
-        raise ValueError(
-            f"{path} has no channel {', '.join(unknown)} to drop; it has {', '.join(names)}"
-        )
-    return list(drop)
-
-
 def other_channels(folder, drop=()):
-    """Channels of a folder's first file that are neither EEG nor EOG, nor dropped: never decoded.
+    """Channels of a folder that are neither EEG nor EOG, nor dropped: never decoded.
 
     Returns
     -------
     dict of str to str
         Type by name, such as {"STI 014": "stim"}.
     """
-    info = mne.read_epochs(_folder_files(folder)[0][0], preload=False, verbose="error").info
-    types = zip(info.ch_names, info.get_channel_types(), strict=True)
+    types = _channel_types(folder).items()
     return {n: kind for n, kind in types if kind not in ("eeg", "eog") and n not in drop}
 
 
+def _channel_types(folder):
+    """Type by name of the channels of all files; of those of several types, the first."""
+    types = {}
+    for path, _ in _folder_files(folder):
+        info = _read(mne.io.read_info, path)
+        types = dict(zip(info.ch_names, info.get_channel_types(), strict=True)) | types
+    return types
+
+
+def _read(reader, path):
+    try:
+        return reader(path, verbose="error")
+    except Exception as problem:
+        raise ValueError(
+            f"{path} cannot be read as MNE epochs ({problem}); copy it anew"
+        ) from problem
+
+
+def _to_drop(names, drop, folder):
+    """Names to drop from a file; not every file needs to have what another one has too much."""
+    if not set(drop) <= set(names):
+        known = _channel_types(folder)
+        unknown = [name for name in drop if name not in known]
+        if unknown:
+            raise ValueError(
+                f"{folder} has no channel {', '.join(unknown)} to drop; it has {', '.join(known)}"
+            )
+    return [name for name in drop if name in names]
+
+
 def set_positions(instance):
-    """Give EEG channels without a position the one of the 10-05 system, by their name."""
-    montage = mne.channels.make_standard_montage("standard_1005")
-    located = [
-        not np.isnan(channel["loc"][:3]).any() and channel["loc"][:3].any()
-        for channel in instance.info["chs"]
-        if channel["kind"] == mne.io.constants.FIFF.FIFFV_EEG_CH
+    """Give EEG channels without a position the one of the 10-05 system, by their name.
+
+    Channels with a position of their own keep it.
+    """
+    eeg = [
+        instance.info["chs"][pick] for pick in mne.pick_types(instance.info, eeg=True, exclude=())
     ]
-    if not all(located):
-        instance.set_montage(montage, match_case=False, on_missing="ignore", verbose="error")
+    own = {channel["ch_name"]: channel["loc"][:3].copy() for channel in eeg if is_located(channel)}
+    if len(own) == len(eeg):
+        return
+    head = [
+        mne.channels.transform_to_head(mne.channels.make_standard_montage(name)).get_positions()
+        for name in ("standard_1020", "standard_1005")
+    ]
+    # The 10-20 system has O9 and O10 beside those of the 10-05; what both have is equal.
+    named = {n.lower(): place for system in head for n, place in system.pop("ch_pos").items()}
+    lost = [channel["ch_name"] for channel in eeg if channel["ch_name"] not in own]
+    found = {name: named[name.lower()] for name in lost if name.lower() in named}
+    landmarks = {name: head[1][name] for name in ("nasion", "lpa", "rpa", "coord_frame")}
+    # One montage for all: a second one would take from the others what they have.
+    montage = mne.channels.make_dig_montage(own | found, **landmarks)
+    instance.set_montage(montage, on_missing="ignore", verbose="error")
 
 
 def _folder_files(folder):

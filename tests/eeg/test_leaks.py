@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 
 from rlihf_lib.__main__ import main
-from rlihf_lib.eeg import leaks
+from rlihf_lib.eeg import decoding, leaks
 from rlihf_lib.eeg.decoding import loader, run_loso
 from rlihf_lib.eeg.recordings import other_channels, read_folder_epochs
+from rlihf_lib.live import train_live
+from rlihf_lib.rl.config import RunConfig
+from rlihf_lib.study import Study
 
 SUBJECTS = ["01", "02", "03"]
 
@@ -65,6 +68,35 @@ def test_an_eeg_channel_without_a_position_is_refused(make_epochs, tmp_path):
     assert "label" not in info.ch_names and data.shape[1] == len(info.ch_names)
 
 
+def test_an_electrode_keeps_its_own_position_beside_those_that_get_one_by_name(
+    make_epochs, tmp_path
+):
+    folder = write(tmp_path / "mine", make_epochs, lambda labels, times: noise(1e-6), "E17")
+    path, own = folder / "sub-01_epo.fif", (0.0, 0.09, 0.04)
+    epochs = mne.read_epochs(path, verbose="error")
+    epochs.info["chs"][-1]["loc"][:3] = own
+    epochs.save(path, overwrite=True, verbose="error")
+    _, info, *_ = read_folder_epochs(folder, "01")
+    places = info.get_montage().get_positions()["ch_pos"]
+    np.testing.assert_allclose(places["E17"], own, atol=1e-6)
+    assert np.isfinite(list(places.values())).all() and len(places) == 6
+
+
+@pytest.mark.parametrize("name", ["O9", "o10", "FFT7h"])
+def test_names_of_either_system_have_a_position(name, make_epochs, tmp_path):
+    folder = write(tmp_path / "mine", make_epochs, lambda labels, times: noise(1e-6), name)
+    assert name in read_folder_epochs(folder, "01")[1].ch_names
+
+
+def test_both_systems_agree_where_both_have_an_electrode():
+    first, second = (
+        mne.channels.make_standard_montage(name).get_positions()["ch_pos"]
+        for name in ("standard_1020", "standard_1005")
+    )
+    assert set(first) - set(second) == {"O9", "O10"}
+    assert all(np.array_equal(first[name], second[name]) for name in set(first) & set(second))
+
+
 def test_channels_of_other_types_are_told_and_never_decoded(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"], "STI 014", "stim")
     assert other_channels(folder) == {"STI 014": "stim"}
@@ -75,6 +107,26 @@ def test_a_channel_to_drop_that_is_not_there_is_named(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs)
     with pytest.raises(ValueError, match=r"has no channel Q7 to drop; it has .*Cz"):
         read_folder_epochs(folder, "01", drop=["Q7"])
+
+
+def test_a_channel_that_only_one_person_has_can_be_dropped(make_epochs, tmp_path):
+    folder = write(tmp_path / "mine", make_epochs)
+    spare = write(tmp_path / "spare", make_epochs, LEAKS["constant"], "Status")
+    (spare / "sub-03_epo.fif").replace(folder / "sub-03_epo.fif")
+    with pytest.raises(ValueError, match=r"sub-03_epo.fif: EEG channel Status has no position"):
+        read_folder_epochs(folder, "03")
+    for subject in SUBJECTS:
+        assert len(read_folder_epochs(folder, subject, drop=["Status"])[1].ch_names) == 5
+    assert other_channels(folder) == {}
+
+
+def test_live_decoding_does_not_go_round_the_check(make_epochs, tmp_path, monkeypatch):
+    folder = write(tmp_path / "mine", make_epochs, LEAKS["pulse"])
+    study = Study("smoke", folder, tmp_path / "out")
+    config = RunConfig("rlihf", 1, 300, 150, subject="01", w_hf=0.7)
+    monkeypatch.setattr(decoding, "load_decoder", lambda *_: None)
+    with pytest.raises(ValueError, match=r"channel P10 \(AUROC .*\) alone tells"):
+        train_live(study, config, tmp_path / "run")
 
 
 @pytest.mark.filterwarnings("ignore")
