@@ -45,6 +45,8 @@ def confidence_band(waves, level=0.95):
 def peak_over_sd(epochs, channel="Cz", stop=0.6, h_freq=10.0):
     """Largest difference between the classes over the trial-to-trial standard deviation there.
 
+    Of the deviations (sample, n - 1) of the two classes, the root of their mean square.
+
     Parameters
     ----------
     epochs : mne.BaseEpochs
