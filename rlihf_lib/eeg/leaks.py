@@ -1,47 +1,14 @@
-"""Channels that aren't EEG, or that know the answer."""
+"""Channels that know the answer."""
 
 import numpy as np
 import pandas as pd
 from scipy.stats import rankdata
 
+from rlihf_lib.eeg.channels import REMEDY
 from rlihf_lib.eeg.signals import SubjectEpochs
 
 MAX_AUROC = 0.95  # no electrode of people tells errors so well; a trigger or a label does
 BINS = 32  # of the epoch, in each of which a channel is averaged
-REMEDY = (
-    "leave it out with --drop-channels {names}, or give it its true type in the file "
-    "(epochs.set_channel_types), such as misc"
-)
-
-
-def refuse_unlocated(info, path):
-    """Refuse EEG channels that have no place on the scalp: triggers, labels, sensors.
-
-    Parameters
-    ----------
-    info : mne.Info
-        After `recordings.set_positions`.
-    path : str or Path
-        For the message.
-
-    Raises
-    ------
-    ValueError
-        Names the channels without a position of their own or of the 10-05 system, and the remedy.
-    """
-    kinds = zip(info.get_channel_types(), info["chs"], strict=True)
-    lost = [c["ch_name"] for kind, c in kinds if kind == "eeg" and not is_located(c)]
-    if lost:
-        raise ValueError(
-            f"{path}: EEG channel {', '.join(lost)} has no position, neither in the file nor by a "
-            f"name of the 10-05 system; {REMEDY.format(names=' '.join(lost))}"
-        )
-
-
-def is_located(channel):
-    """Whether a channel, an entry of `info["chs"]`, has a place."""
-    place = channel["loc"][:3]
-    return bool(np.isfinite(place).all() and place.any())
 
 
 def channel_auroc(signals, labels):

@@ -6,7 +6,7 @@ import mne
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.eeg import recordings
+from rlihf_lib.eeg import folder, recordings
 from rlihf_lib.eeg.dataset import (
     CORRECT,
     FEEDBACKS,
@@ -225,9 +225,9 @@ def _epochs(data, info, tmin, metadata):
     )  # fmt: skip
 
 
-def _folder_epochs(folder, subject, settings):
-    data, info, tmin, labels, sessions = recordings.read_folder_epochs(
-        folder, subject, settings.correct_event, settings.error_event, settings.drop_channels
+def _folder_epochs(eeg, subject, settings):
+    data, info, tmin, labels, sessions = folder.read_folder_epochs(
+        eeg, subject, settings.correct_event, settings.error_event, settings.drop_channels
     )
     metadata = pd.DataFrame(
         {"subject": subject, "session": sessions, "epoch": np.arange(len(data)), "label": labels}

@@ -1,7 +1,6 @@
-"""EEG recordings: simulated ones, the ErrP-HRI data set, or a folder of your own epochs.
+"""EEG recordings: simulated ones or the ErrP-HRI data set.
 
-`simulated` and `hri` are EEGLAB files and share one reader, `read_raw`. A folder holds MNE epochs
-``sub-XX[_ses-YY]_epo.fif`` and is read by `read_folder_epochs`.
+Both are EEGLAB files and share one reader, `read_raw`. Your own epochs are read by `folder`.
 """
 
 import re
@@ -12,11 +11,9 @@ import mne
 import numpy as np
 import scipy.io
 
-from rlihf_lib.eeg import hri, simulated
+from rlihf_lib.eeg import folder, hri, simulated
+from rlihf_lib.eeg.channels import require_channels, set_positions
 from rlihf_lib.eeg.dataset import EEG_CHANNELS, SUBJECTS, check_subject
-from rlihf_lib.eeg.leaks import is_located, refuse_unlocated
-
-_FOLDER_FILE = re.compile(r"sub-(?P<subject>[^_]+)(?:_ses-(?P<session>[^_]+))?_epo\.fif")
 
 
 def source_subjects(eeg):
@@ -41,7 +38,7 @@ def source_subjects(eeg):
     """
     if eeg in ("simulated", "hri"):
         return list(SUBJECTS)
-    return sorted({match["subject"] for _, match in _folder_files(eeg)})
+    return folder.subjects(eeg)
 
 
 def recording_path(eeg, subject):
@@ -117,22 +114,6 @@ def read_raw(path):
     return raw
 
 
-def require_channels(names, required, path):
-    """Refuse a recording that lacks one of the `required` channels.
-
-    Raises
-    ------
-    ValueError
-        Naming the file and the channels.
-    """
-    missing = [name for name in required if name not in names]
-    if missing:
-        raise ValueError(
-            f"{path}: channel {', '.join(missing)} is missing (it has {', '.join(names)}); "
-            "rename or interpolate it in the file"
-        )
-
-
 def read_recording(eeg, subject):
     """Continuous recording of a simulated or ErrP-HRI subject, its 27 EEG channels checked.
 
@@ -155,165 +136,6 @@ def read_recording(eeg, subject):
     raw = read_raw(path)
     require_channels(raw.ch_names, EEG_CHANNELS, path)
     return raw
-
-
-def read_folder_epochs(folder, subject, correct="correct", error="error", drop=()):
-    """Epochs of one subject of a folder, its sessions joined in the order of their names.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Holds ``sub-XX_epo.fif`` or ``sub-XX_ses-YY_epo.fif``.
-    subject : str
-        The XX.
-    correct, error : str
-        Names of the two events in the files; epochs of other events are left out.
-    drop : sequence of str
-        Channels left out, in the sessions that have them.
-
-    Returns
-    -------
-    data : ndarray, shape (n_epochs, n_channels, n_times)
-        Volts, EEG and EOG channels in the order of the first session.
-    info : mne.Info
-    tmin : float
-        Time of the first sample relative to the event, s.
-    labels : ndarray of int, shape (n_epochs,)
-        0 correct, 1 error.
-    sessions : ndarray of str, shape (n_epochs,)
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such folder.
-    ValueError
-        If the subject is unknown, sessions differ in sampling rate, window or channels, a value is
-        NaN, the subject has no epoch of one class, no file has a channel of a name to drop, or an
-        EEG channel has no position.
-
-    Notes
-    -----
-    Channels of other types than EEG and EOG are left out.
-    """
-    files = sorted(
-        (match["session"] or "", path)
-        for path, match in _folder_files(folder)
-        if match["subject"] == check_subject(subject, source_subjects(folder), folder)
-    )
-    data, labels, sessions, found, first = [], [], [], set(), None
-    for session, path in files:
-        epochs = _read(mne.read_epochs, path)
-        found |= set(epochs.event_id)
-        codes = {epochs.event_id[name]: i for i, name in enumerate((correct, error))
-                 if name in epochs.event_id}  # fmt: skip
-        epochs = epochs.drop_channels(_to_drop(epochs.ch_names, drop, folder))
-        epochs = epochs.pick(["eeg", "eog"], exclude=())[np.isin(epochs.events[:, 2], list(codes))]
-        first = first or epochs
-        require_channels(epochs.ch_names, first.ch_names, path)
-        same = (epochs.info["sfreq"], epochs.tmin, len(epochs.times))
-        if same != (first.info["sfreq"], first.tmin, len(first.times)):
-            raise ValueError(
-                f"{path}: sampling rate, window start and samples {same} differ from those of "
-                f"{files[0][1].name}; export all sessions of a subject alike"
-            )
-        order = [epochs.ch_names.index(name) for name in first.ch_names]
-        values = epochs.get_data(copy=False)[:, order]
-        if not np.isfinite(values).all():
-            raise ValueError(f"{path} holds NaN or infinite values; drop or repair those epochs")
-        data.append(values)
-        labels += [codes[code] for code in epochs.events[:, 2]]
-        sessions += [session] * len(epochs)
-    labels = np.array(labels, dtype=int)
-    for label, name in enumerate((correct, error)):
-        if not (labels == label).any():
-            raise ValueError(
-                f"{folder}: subject {subject} has no epoch of the event {name!r} (its events: "
-                f"{', '.join(sorted(found)) or 'none'}); name the two with --events OK ERR"
-            )
-    set_positions(first)
-    refuse_unlocated(first.info, files[0][1])
-    return np.concatenate(data), first.info, first.tmin, labels, np.array(sessions)
-
-
-def other_channels(folder, drop=()):
-    """Channels of a folder that are neither EEG nor EOG, nor dropped: never decoded.
-
-    Returns
-    -------
-    dict of str to str
-        Type by name, such as {"STI 014": "stim"}.
-    """
-    types = _channel_types(folder).items()
-    return {n: kind for n, kind in types if kind not in ("eeg", "eog") and n not in drop}
-
-
-def _channel_types(folder):
-    """Type by name of the channels of all files; of those of several types, the first."""
-    types = {}
-    for path, _ in _folder_files(folder):
-        info = _read(mne.io.read_info, path)
-        types = dict(zip(info.ch_names, info.get_channel_types(), strict=True)) | types
-    return types
-
-
-def _read(reader, path):
-    try:
-        return reader(path, verbose="error")
-    except Exception as problem:
-        raise ValueError(
-            f"{path} cannot be read as MNE epochs ({problem}); copy it anew"
-        ) from problem
-
-
-def _to_drop(names, drop, folder):
-    """Names to drop from a file; not every file needs to have what another one has too much."""
-    if not set(drop) <= set(names):
-        known = _channel_types(folder)
-        unknown = [name for name in drop if name not in known]
-        if unknown:
-            raise ValueError(
-                f"{folder} has no channel {', '.join(unknown)} to drop; it has {', '.join(known)}"
-            )
-    return [name for name in drop if name in names]
-
-
-def set_positions(instance):
-    """Give EEG channels without a position the one of the 10-05 system, by their name.
-
-    Channels with a position of their own keep it.
-    """
-    eeg = [
-        instance.info["chs"][pick] for pick in mne.pick_types(instance.info, eeg=True, exclude=())
-    ]
-    own = {channel["ch_name"]: channel["loc"][:3].copy() for channel in eeg if is_located(channel)}
-    if len(own) == len(eeg):
-        return
-    head = [
-        mne.channels.transform_to_head(mne.channels.make_standard_montage(name)).get_positions()
-        for name in ("standard_1020", "standard_1005")
-    ]
-    # The 10-20 system has O9 and O10 beside those of the 10-05; what both have is equal.
-    named = {n.lower(): place for system in head for n, place in system.pop("ch_pos").items()}
-    lost = [channel["ch_name"] for channel in eeg if channel["ch_name"] not in own]
-    found = {name: named[name.lower()] for name in lost if name.lower() in named}
-    landmarks = {name: head[1][name] for name in ("nasion", "lpa", "rpa", "coord_frame")}
-    # One montage for all: a second one would take from the others what they have.
-    montage = mne.channels.make_dig_montage(own | found, **landmarks)
-    instance.set_montage(montage, on_missing="ignore", verbose="error")
-
-
-def _folder_files(folder):
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise FileNotFoundError(
-            f"{folder} is not a folder; eeg takes 'simulated', 'hri', or a folder of epochs "
-            "named sub-XX[_ses-YY]_epo.fif"
-        )
-    files = [(path, _FOLDER_FILE.fullmatch(path.name)) for path in sorted(folder.iterdir())]
-    files = [(path, match) for path, match in files if match]
-    if not files:
-        raise ValueError(f"{folder} holds no file named sub-XX[_ses-YY]_epo.fif")
-    return files
 
 
 def _load_set(path):

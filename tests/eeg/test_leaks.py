@@ -7,7 +7,7 @@ import pytest
 from rlihf_lib.__main__ import main
 from rlihf_lib.eeg import decoding, leaks
 from rlihf_lib.eeg.decoding import loader, run_loso
-from rlihf_lib.eeg.recordings import other_channels, read_folder_epochs
+from rlihf_lib.eeg.folder import other_channels, read_folder_epochs
 from rlihf_lib.live import train_live
 from rlihf_lib.rl.config import RunConfig
 from rlihf_lib.study import Study

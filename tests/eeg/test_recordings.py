@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from rlihf_lib.eeg import dataset, recordings, simulated
+from rlihf_lib.eeg import dataset, folder, recordings, simulated
 
 EVENTS = [(11.0, "S  1"), (20.5, "R  1"), (26.25, "FB1"), (26.5, "S  4")]
 
@@ -193,7 +193,7 @@ def test_sessions_are_joined_and_channels_matched_by_name(tmp_path):
     epochs_file(tmp_path, "sub-11_epo.fif", [1, 0])
     (tmp_path / "notes.txt").write_text("not EEG")
     assert recordings.source_subjects(tmp_path) == ["07", "11"]
-    values, info, tmin, labels, sessions = recordings.read_folder_epochs(tmp_path, "07")
+    values, info, tmin, labels, sessions = folder.read_folder_epochs(tmp_path, "07")
     assert info["ch_names"] == ["Cz", "Fz", "EOG"]
     assert tmin == pytest.approx(-0.1)
     assert labels.tolist() == [0, 0, 1, 0, 1]
@@ -204,34 +204,34 @@ def test_sessions_are_joined_and_channels_matched_by_name(tmp_path):
 
 def test_electrodes_get_the_position_of_their_name_and_keep_their_own(tmp_path):
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
-    _, info, *_ = recordings.read_folder_epochs(tmp_path, "01")
+    _, info, *_ = folder.read_folder_epochs(tmp_path, "01")
     found = info.get_montage().get_positions()["ch_pos"]
     assert found["Fz"][1] > found["Cz"][1] + 0.03
     own = {"Cz": (0.0, 0.01, 0.1), "Fz": (0.0, 0.07, 0.08)}
     epochs = mne.read_epochs(tmp_path / "sub-01_epo.fif", verbose="error")
     epochs.set_montage(mne.channels.make_dig_montage(own, coord_frame="head"), on_missing="ignore")
     epochs.save(tmp_path / "sub-01_epo.fif", overwrite=True, verbose="error")
-    _, info, *_ = recordings.read_folder_epochs(tmp_path, "01")
+    _, info, *_ = folder.read_folder_epochs(tmp_path, "01")
     np.testing.assert_allclose(info["chs"][0]["loc"][:3], own["Cz"], atol=1e-6)
 
 
 def test_event_names_are_configurable_and_others_left_out(tmp_path):
     names = {"hit": 1, "miss": 2, "rest": 3}
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 1, 2, 1], events=names)
-    _, _, _, labels, _ = recordings.read_folder_epochs(tmp_path, "01", "hit", "miss")
+    _, _, _, labels, _ = folder.read_folder_epochs(tmp_path, "01", "hit", "miss")
     assert labels.tolist() == [0, 1, 1]
 
 
 def test_a_subject_without_one_class_is_refused(tmp_path):
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 0])
     with pytest.raises(ValueError, match=r"subject 01 has no epoch of the event 'error'"):
-        recordings.read_folder_epochs(tmp_path, "01")
+        folder.read_folder_epochs(tmp_path, "01")
 
 
 def test_an_unknown_subject_of_a_folder_is_refused(tmp_path):
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
     with pytest.raises(ValueError, match=r"unknown subject '02' .* choose one of 01"):
-        recordings.read_folder_epochs(tmp_path, "02")
+        folder.read_folder_epochs(tmp_path, "02")
 
 
 @pytest.mark.parametrize("layout", [{"sfreq": 250.0}, {"tmin": 0.0}, {"n_times": 100}])
@@ -239,14 +239,14 @@ def test_sessions_of_another_layout_are_refused(tmp_path, layout):
     epochs_file(tmp_path, "sub-01_ses-1_epo.fif", [0, 1])
     epochs_file(tmp_path, "sub-01_ses-2_epo.fif", [0, 1], **layout)
     with pytest.raises(ValueError, match=r"ses-2_epo\.fif: sampling rate, window start"):
-        recordings.read_folder_epochs(tmp_path, "01")
+        folder.read_folder_epochs(tmp_path, "01")
 
 
 def test_a_session_that_lacks_a_channel_is_refused(tmp_path):
     epochs_file(tmp_path, "sub-01_ses-1_epo.fif", [0, 1])
     epochs_file(tmp_path, "sub-01_ses-2_epo.fif", [0, 1], channels=("Cz", "EOG"))
     with pytest.raises(ValueError, match=r"ses-2_epo\.fif: channel Fz is missing"):
-        recordings.read_folder_epochs(tmp_path, "01")
+        folder.read_folder_epochs(tmp_path, "01")
 
 
 def test_a_damaged_epochs_file_is_named(tmp_path):
@@ -254,7 +254,7 @@ def test_a_damaged_epochs_file_is_named(tmp_path):
     path = tmp_path / "sub-01_epo.fif"
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(ValueError, match=r"sub-01_epo\.fif cannot be read"):
-        recordings.read_folder_epochs(tmp_path, "01")
+        folder.read_folder_epochs(tmp_path, "01")
 
 
 def test_a_folder_without_epochs_is_refused(tmp_path):
