@@ -9,6 +9,8 @@ import numpy as np
 from rlihf_lib.eeg.channels import refuse_unlocated, require_channels, set_positions
 from rlihf_lib.eeg.dataset import check_subject
 
+#: Of the channels that are read; EOG is decoded only to see what the eyes tell.
+TYPES = ("eeg", "eog")
 _FILE = re.compile(r"sub-(?P<subject>[^_]+)(?:_ses-(?P<session>[^_]+))?_epo\.fif")
 
 
@@ -66,8 +68,8 @@ def read_folder_epochs(folder, subject, correct="correct", error="error", drop=(
         found |= set(epochs.event_id)
         codes = {epochs.event_id[name]: i for i, name in enumerate((correct, error))
                  if name in epochs.event_id}  # fmt: skip
-        epochs = epochs.drop_channels(_to_drop(epochs.ch_names, drop, folder))
-        epochs = epochs.pick(["eeg", "eog"], exclude=())[np.isin(epochs.events[:, 2], list(codes))]
+        kept = _kept(epochs.info, drop, path)
+        epochs = epochs.pick(kept)[np.isin(epochs.events[:, 2], list(codes))]
         first = first or epochs
         require_channels(epochs.ch_names, first.ch_names, path)
         same = (epochs.info["sfreq"], epochs.tmin, len(epochs.times))
@@ -104,7 +106,7 @@ def other_channels(folder, drop=()):
         Type by name, such as {"STI 014": "stim"}.
     """
     types = _channel_types(folder).items()
-    return {n: kind for n, kind in types if kind not in ("eeg", "eog") and n not in drop}
+    return {n: kind for n, kind in types if kind not in TYPES and n not in drop}
 
 
 def _channel_types(folder):
@@ -125,16 +127,26 @@ def _read(reader, path):
         ) from problem
 
 
-def _to_drop(names, drop, folder):
-    """Names to drop from a file; not every file needs to have what another one has too much."""
-    if not set(drop) <= set(names):
-        known = _channel_types(folder)
+def _kept(info, drop, path):
+    """Names of the EEG and EOG channels of a file without those to drop."""
+    # Not every file needs to have what another one has too much.
+    if not set(drop) <= set(info.ch_names):
+        known = _channel_types(path.parent)
         unknown = [name for name in drop if name not in known]
         if unknown:
             raise ValueError(
-                f"{folder} has no channel {', '.join(unknown)} to drop; it has {', '.join(known)}"
+                f"{path.parent} has no channel {', '.join(unknown)} to drop; it has "
+                f"{', '.join(known)}"
             )
-    return [name for name in drop if name in names]
+    types = dict(zip(info.ch_names, info.get_channel_types(), strict=True))
+    kept = [name for name, kind in types.items() if kind in TYPES and name not in drop]
+    if "eeg" not in {types[name] for name in kept}:
+        there = ", ".join(f"{name} ({kind})" for name, kind in types.items())
+        raise ValueError(
+            f"{path} has no EEG channel left; it has {there}, to drop are "
+            f"{', '.join(drop) or 'none'}; drop fewer, or set the channels' types in the file"
+        )
+    return kept
 
 
 def _files(folder):

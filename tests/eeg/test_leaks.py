@@ -109,6 +109,12 @@ def test_a_channel_to_drop_that_is_not_there_is_named(make_epochs, tmp_path):
         read_folder_epochs(folder, "01", drop=["Q7"])
 
 
+def test_a_file_without_eeg_channels_is_named(make_epochs, tmp_path):
+    folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"], "STI 014", "stim")
+    with pytest.raises(ValueError, match=r"sub-01_epo.fif has no EEG channel left; it has Fz"):
+        read_folder_epochs(folder, "01", drop=["Fz", "Cz", "Pz", "C3", "C4"])
+
+
 def test_a_channel_that_only_one_person_has_can_be_dropped(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs)
     spare = write(tmp_path / "spare", make_epochs, LEAKS["constant"], "Status")
