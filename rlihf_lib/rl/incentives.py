@@ -208,12 +208,14 @@ def explained_by_dense(moments, observer):
     -------
     float
         Squared correlation with the dense reward, cut off where progress surely looks right, and
-        0 for collisions.
+        0 for collisions. NaN where one of the two never varies.
     """
     dense = [
         0.0 if moment.collided else min(alignment_reward(moment), FULL_SPEED) for moment in moments
     ]
     right = [1 - observer(moment) for moment in moments]
+    if np.ptp(dense) == 0 or np.ptp(right) == 0:
+        return np.nan
     return float(np.corrcoef(dense, right)[0, 1] ** 2)
 
 
@@ -224,11 +226,11 @@ def explained_sentence(observer, values):
     ----------
     observer : str
     values : Series
-        From `explained_by_dense`, by robot.
+        From `explained_by_dense`, by robot; those without a value are left out.
 
     Returns
     -------
     str
     """
-    each = ", ".join(f"{value:.0%} ({robot})" for robot, value in values.items())
+    each = ", ".join(f"{value:.0%} ({robot})" for robot, value in values.dropna().items())
     return f"The dense reward explains {each} of what the {observer} observer takes for right."
