@@ -83,6 +83,8 @@ def trade_off_figure(runs, total_steps, caption=""):
             bars = np.nan_to_num(np.abs(np.array(intervals).T - [x, y]))
             ax.plot(*scores.to_numpy().T, "o", color=shade, ms=3, alpha=0.4, mew=0)
             ax.errorbar(x, y, bars[:, 1:], bars[:, :1], fmt="D", ms=4, color=shade, label=name)
+    if not len(late):
+        ax.text(0.5, 0.5, "no run places the can", transform=ax.transAxes, ha="center")
     ax.set(xlabel="Time to place the can (s)", ylabel=AXIS_LABELS["min_clearance"])
     ax.set_ylim(bottom=0)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)

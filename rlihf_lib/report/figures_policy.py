@@ -212,13 +212,16 @@ def learner_figure(training, condition, total_steps, caption=""):
         "critic_loss": "Critic loss",
         "ent_coef": r"Entropy coefficient $\alpha$",
         "mean_q": "Mean Q",
-        "judged_wrong": "Share of steps judged wrong",
+        "judged_wrong": "Steps judged wrong (share)",
     }
     if condition != "rlihf":
         del panels["judged_wrong"]
     fig, axes = plt.subplots(1, len(panels), figsize=(PAGE_WIDTH, 1.9))
     for ax, (column, words) in zip(axes, panels.items(), strict=True):
-        ax.plot(training["step"] / 1000, training[column], color=color(condition), lw=0.9)
+        # A single window makes no line.
+        marker = "." if len(training) < 10 else None
+        line = {"color": color(condition), "lw": 0.9, "marker": marker}
+        ax.plot(training["step"] / 1000, training[column], **line)
         mark_phases(ax, total_steps)
         ax.set(xlabel="Steps (thousands)", ylabel=words)
     axes[0].set_yscale("log")
