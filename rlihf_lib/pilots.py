@@ -14,7 +14,7 @@ from rlihf_lib.files import write_csv
 from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
 from rlihf_lib.report.figures_policy import learning_curve, mark_phases
-from rlihf_lib.report.style import PAGE_WIDTH, color, label, note, save_figure, use_style
+from rlihf_lib.report.style import PAGE_WIDTH, color, label, note, save_figure, shades, use_style
 from rlihf_lib.rl.config import RunConfig, SACSettings
 from rlihf_lib.rl.observer import p_error_sha256
 from rlihf_lib.rl.sweep import is_done, run_sweep
@@ -99,8 +99,7 @@ def learning_curves(runs, scores, caption):
     """
     decoded = scores[scores["subject"].isin(runs["subject"])].sort_values("auroc", ascending=False)
     people = {"": ("", None), IDEAL: ("ideal decoder", color("rlihf-ideal"))}
-    for i, row in enumerate(decoded.itertuples()):
-        shade = plt.get_cmap("YlOrRd")(0.9 - 0.5 * i / len(decoded))
+    for row, shade in zip(decoded.itertuples(), shades(len(decoded))[::-1], strict=True):
         people[row.subject] = (f"{row.subject}, AUROC {row.auroc:.2f}", shade)
     rows = (
         ("as in the paper", ("dense", "rlihf-ideal", "rlihf", "sparse")),
@@ -108,7 +107,8 @@ def learning_curves(runs, scores, caption):
     )
     metrics = {"success": "Success rate", "completed": "Share of the path completed"}
     fig, axes = plt.subplots(2, 2, figsize=(PAGE_WIDTH, 4.2), sharex=True, sharey="col")
-    for (title, groups), panels in zip(rows, axes, strict=True):
+    places = ("outside right upper", "outside right lower")
+    for (title, groups), panels, place in zip(rows, axes, places, strict=True):
         for ax, (metric, axis_label) in zip(panels, metrics.items(), strict=True):
             for group in groups:
                 for subject, (name, shade) in people.items():
@@ -117,10 +117,11 @@ def learning_curves(runs, scores, caption):
                         known = group if subject == "" else "rlihf" + "-lay" * ("lay" in group)
                         parts = (label(known), name, f"n = {chosen['run'].nunique()}")
                         words = ", ".join(part for part in parts if part)
-                        learning_curve(chosen, ax, metric, color=shade or color(group), label=words)
+                        look = color(group) if shade is None else shade
+                        learning_curve(chosen, ax, metric, color=look, label=words)
             mark_phases(ax, STEPS)
             ax.set(ylabel=axis_label, ylim=(-0.03, 1.03), title=title)
-        fig.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", title=title)
+        fig.legend(*panels[0].get_legend_handles_labels(), loc=place, title=title)
     for ax in axes[-1]:
         ax.set_xlabel("Steps (thousands)")
     note(fig, caption)
