@@ -16,7 +16,7 @@ def parser():
         usage="python -m rlihf_lib [options]",
         description="From EEG recordings to every figure and table of the paper. What is done "
         "already, shipped results included, is used; the rest is computed.",
-        epilog="`python -m rlihf_lib bench [--json FILE]` measures the speed of every part, "
+        epilog="`python -m tests.benchmarks [--json FILE]` measures the speed of every part, "
         "`python -m rlihf_lib pilots` repeats the runs behind the settings.",
     )
     result.add_argument("--profile", choices=PROFILES, default="quick", help="size (default quick)")
@@ -63,10 +63,6 @@ def parser():
 def main(argv=None):
     """Run the command line; return the exit status."""
     argv = sys.argv[1:] if argv is None else argv
-    if argv[:1] == ["bench"]:
-        from rlihf_lib import bench
-
-        return bench.main(argv[1:])
     if argv[:1] == ["pilots"]:
         from rlihf_lib import pilots
 

@@ -12,11 +12,10 @@ from stable_baselines3.common.buffers import NStepReplayBuffer
 from stable_baselines3.sac import policies
 from stable_baselines3.sac.policies import SACPolicy
 
-from rlihf_lib.rl import backpropagation, networks
-from rlihf_lib.rl.batch import Batch
 from rlihf_lib.rl.config import SACSettings
-from rlihf_lib.rl.networks import StackedPolicy
-from rlihf_lib.rl.sac import FastSAC, make_sac
+from rlihf_lib.rl.sac import FastSAC, make_sac, networks, passes
+from rlihf_lib.rl.sac.batch import Batch
+from rlihf_lib.rl.sac.networks import StackedPolicy
 
 
 class Noise(Env):
@@ -80,7 +79,7 @@ def assert_same(model, other, **tolerance):
 def test_update_equals_that_of_stable_baselines3(n_steps, rate, epsilon, monkeypatch):
     """The same batches and noise give the same weights, up to rounding, as autograd does."""
     # The limits of log_std, drawn in so far that it falls below, between and above them.
-    for module in (backpropagation, policies):
+    for module in (passes, policies):
         monkeypatch.setattr(module, "LOG_STD_MIN", -0.1)
         monkeypatch.setattr(module, "LOG_STD_MAX", 0.1)
     chosen = settings(n_steps=n_steps, learning_rate=rate)

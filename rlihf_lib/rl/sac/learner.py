@@ -1,13 +1,4 @@
-"""Soft Actor-Critic: Stable-Baselines3's, with normalised critics and a faster update.
-
-The algorithm and its interface are `stable_baselines3.SAC` (Haarnoja et al. 2018). Three things
-differ. The critics' hidden layers are normalised (`LayerNorm`), which keeps values from running
-away under noisy rewards (Ball et al. 2023, RLPD). The critics are fitted to observations and
-actions with a little noise, which smooths them (Bishop 1995): without it, critics of pilots with
-decoded feedback had learnt a third to a half of the noise of each older epoch by heart. And `train`
-does the same arithmetic without autograd and other bookkeeping, which takes more than half the time
-for networks this small.
-"""
+"""The learner: Stable-Baselines3's SAC with `train` written out; see `rlihf_lib.rl.sac`."""
 
 import math
 
@@ -16,10 +7,10 @@ import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.logger import Logger
 
-from rlihf_lib.rl.backpropagation import ActorPass, CriticBuffers, CriticPass
-from rlihf_lib.rl.batch import Batch
-from rlihf_lib.rl.flat import FlatAdam, flatten
-from rlihf_lib.rl.networks import StackedPolicy
+from rlihf_lib.rl.sac.adam import FlatAdam, flatten
+from rlihf_lib.rl.sac.batch import Batch
+from rlihf_lib.rl.sac.networks import StackedPolicy
+from rlihf_lib.rl.sac.passes import ActorPass, CriticBuffers, CriticPass
 
 
 class FastSAC(SAC):

@@ -14,7 +14,7 @@ import torch
 from stable_baselines3.sac.policies import LOG_STD_MAX, LOG_STD_MIN
 from torch import nn
 
-from rlihf_lib.rl.loops import norm_relu, norm_relu_backward, read_out, relu, relu_backward
+from rlihf_lib.rl.sac.kernels import norm_relu, norm_relu_backward, read_out, relu, relu_backward
 
 SQUASH_EPSILON = 1e-6  # SB3's: keeps log(1 - tanh^2) finite
 
@@ -26,7 +26,7 @@ class CriticBuffers:
 
     Parameters
     ----------
-    critic : rlihf_lib.rl.networks.StackedCritic
+    critic : rlihf_lib.rl.sac.networks.StackedCritic
     batch_size : int
     """
 
@@ -44,7 +44,7 @@ class CriticPass:
 
     Parameters
     ----------
-    critic : rlihf_lib.rl.networks.StackedCritic
+    critic : rlihf_lib.rl.sac.networks.StackedCritic
     index : int
         Which of them.
     x : Tensor, shape (batch, n)

@@ -1,4 +1,4 @@
-"""The loops of `rl/backpropagation.py` that work element by element, compiled."""
+"""The loops of `rl/sac/passes.py` that work element by element, compiled."""
 
 import numba
 import numpy as np
