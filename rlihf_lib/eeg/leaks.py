@@ -2,9 +2,9 @@
 
 import numpy as np
 import pandas as pd
-from scipy.stats import rankdata
 
 from rlihf_lib.eeg.channels import REMEDY
+from rlihf_lib.eeg.scores import auroc
 from rlihf_lib.eeg.signals import SubjectEpochs
 
 MAX_AUROC = 0.95  # no electrode of people tells errors so well; a trigger or a label does
@@ -27,10 +27,7 @@ def channel_auroc(signals, labels):
         AUROC of the value, 0 to 1; last that of the mean over the epoch.
     """
     bins = np.array_split(signals, min(BINS, signals.shape[2]), axis=2)
-    values = np.stack([part.mean(axis=2) for part in (*bins, signals)], axis=2)
-    ranks = rankdata(values, axis=0)[labels == 1].sum(axis=0)
-    n_errors, n = labels.sum(), len(labels)
-    return (ranks - n_errors * (n_errors + 1) / 2) / (n_errors * (n - n_errors))
+    return auroc(np.stack([part.mean(axis=2) for part in (*bins, signals)], axis=2), labels)
 
 
 def refuse_leaks(aurocs, channels, source):

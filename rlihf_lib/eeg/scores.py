@@ -24,11 +24,14 @@ def balanced_accuracy(p_error, labels, prior):
 
 
 def auroc(p_error, labels, prior=0.5):
-    """Area under the receiver operating characteristic: the Mann-Whitney statistic."""
+    """Area under the receiver operating characteristic: the Mann-Whitney statistic.
+
+    Of `p_error`, shape (n, ...), any scores that are larger for errors; one area for each column.
+    """
     n_errors = int(np.sum(labels))
-    ranks = rankdata(p_error)[labels == 1]
+    ranks = rankdata(p_error, axis=0)[labels == 1]
     n_pairs = n_errors * (len(labels) - n_errors)
-    return float((ranks.sum() - n_errors * (n_errors + 1) / 2) / n_pairs)
+    return (ranks.sum(axis=0) - n_errors * (n_errors + 1) / 2) / n_pairs
 
 
 def calibration_error(p_error, labels, prior=0.5):
