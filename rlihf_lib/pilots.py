@@ -1,9 +1,9 @@
 """Pilots: the runs behind the settings, on seeds that no study uses. `python -m rlihf_lib pilots`.
 
-The paper's 150,000 steps of dense and sparse reward, of feedback from an ideal decoder (p = label)
-and of feedback from the weakest, the median and the strongest decoded subject. Task, rewards,
-observer and learner were chosen on such runs before any study was computed; they are the same for
-all conditions.
+The paper's 150,000 steps of dense and sparse reward, the latter also with settings of its own; of
+feedback from an ideal decoder (p = label) and from the weakest, the median and the strongest
+decoded subject; and of the lay observer. Task, rewards, observer and learner were chosen on such
+runs before any study was computed; they are the same for all conditions.
 """
 
 import argparse
@@ -16,7 +16,6 @@ from rlihf_lib.report.evaluations import add_phase, read_runs
 from rlihf_lib.report.figures_policy import learning_curve, mark_phases
 from rlihf_lib.report.style import PAGE_WIDTH, color, label, note, save_figure, shades, use_style
 from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.observer import p_error_sha256
 from rlihf_lib.rl.sweep import is_done, run_sweep
 from rlihf_lib.study import Study
 
@@ -42,17 +41,15 @@ def run_configs(study):
     -------
     list of RunConfig
     """
-    p_error = study.feedback()
+    weakest, *_, strongest = study.ranked_subjects()
+    median = study.median_subject()
+    feedback = study.feedback_of((IDEAL, weakest, median, strongest))
 
     def config(seed, condition, subject="", **changes):
         if subject:
-            digest = p_error_sha256(p_error, subject)
-            feedback = {"subject": subject, "eeg": study.eeg_name, "p_error_sha256": digest}
-            changes = {"w_hf": study.profile.w_hf, **feedback, **changes}
+            changes = {"w_hf": study.profile.w_hf, **feedback[subject], **changes}
         return RunConfig(condition, seed, STEPS, EVAL_EVERY, **changes)
 
-    weakest, *_, strongest = study.ranked_subjects()
-    median = study.median_subject()
     return [
         *(config(seed, "dense") for seed in SEEDS),
         *(config(seed, "rlihf", IDEAL) for seed in SEEDS),

@@ -165,9 +165,8 @@ class Study:
         ranked, profile = self.ranked_subjects(), self.profile
         wanted = profile.n_ablation_subjects if ablation else profile.n_policy_subjects
         count = min(wanted or len(ranked), len(ranked))
-        middle = (len(ranked) - 1) / 2
-        ranks = np.linspace(0, len(ranked) - 1, count) if count > 1 else np.array([middle])
-        chosen = {ranked[int(rank)] for rank in ranks}
+        ranks = np.linspace(0, len(ranked) - 1, count)
+        chosen = {ranked[int(r)] for r in ranks} if count > 1 else {self.median_subject()}
         return [subject for subject in self.scores()["subject"] if subject in chosen]
 
     def ranked_subjects(self):
@@ -180,6 +179,29 @@ class Study:
         `observer.with_controls`.
         """
         return with_controls(self.p_error(), self.median_subject())
+
+    def feedback_of(self, subjects):
+        """Return the fields of a `RunConfig` that name whose feedback it draws on.
+
+        Parameters
+        ----------
+        subjects : iterable of str
+            Of `feedback`.
+
+        Returns
+        -------
+        dict of str to dict
+            eeg, subject and p_error_sha256, by subject.
+        """
+        table = self.feedback()
+        return {
+            subject: {
+                "eeg": self.eeg_name,
+                "subject": subject,
+                "p_error_sha256": p_error_sha256(table, subject),
+            }
+            for subject in subjects
+        }
 
     def median_subject(self):
         """Return the person whose decoder is the median one, the lower of two."""
@@ -222,16 +244,9 @@ class Study:
             median = self.median_subject()
             nothing = dict.fromkeys((f"{median}-mean", f"{median}-shuffled"), profile.control_seeds)
             seeds = {"ideal": profile.supplementary_seeds, **nothing}
-        table = self.feedback()
+        feedback = self.feedback_of(seeds)
         return [
-            self._config(
-                "rlihf",
-                seed,
-                eeg=self.eeg_name,
-                subject=subject,
-                w_hf=w_hf,
-                p_error_sha256=p_error_sha256(table, subject),
-            )
+            self._config("rlihf", seed, w_hf=w_hf, **feedback[subject])
             for w_hf in weights
             for subject in seeds
             for seed in seeds[subject]
