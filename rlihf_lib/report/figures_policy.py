@@ -58,12 +58,8 @@ def learning_curve(runs, ax, metric="return", **line):
 
 def group_curve(runs, ax, group, metric="return", **line):
     """Draw the curve of one group in its colour and dashes; see `learning_curve`."""
-    return learning_curve(
-        runs[runs["group"] == group],
-        ax,
-        metric,
-        **{**line_style(group), "label": label(group), **line},
-    )
+    line = {**line_style(group), "label": label(group), **line}
+    return learning_curve(runs[runs["group"] == group], ax, metric, **line)
 
 
 def line_style(group):
@@ -198,7 +194,7 @@ def learner_figure(training, condition, total_steps, caption=""):
     ----------
     training : DataFrame
         From `evaluations.load_training`, of one run: critic loss, entropy coefficient, mean Q and
-        the number of steps that looked wrong to the observer.
+        the share of steps that looked wrong to the observer.
     condition : {"sparse", "dense", "rlihf"}
     total_steps : int
     caption : str
@@ -217,10 +213,9 @@ def learner_figure(training, condition, total_steps, caption=""):
     if condition != "rlihf":
         del panels["judged_wrong"]
     fig, axes = plt.subplots(1, len(panels), figsize=(PAGE_WIDTH, 1.9))
+    # A single window makes no line.
+    line = {"color": color(condition), "lw": 0.9, "marker": "." if len(training) < 10 else None}
     for ax, (column, words) in zip(axes, panels.items(), strict=True):
-        # A single window makes no line.
-        marker = "." if len(training) < 10 else None
-        line = {"color": color(condition), "lw": 0.9, "marker": marker}
         ax.plot(training["step"] / 1000, training[column], **line)
         mark_phases(ax, total_steps)
         ax.set(xlabel="Steps (thousands)", ylabel=words)
