@@ -20,7 +20,7 @@ from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.fitting import DEFAULTS, fit_fold
 from rlihf_lib.eeg.leaks import channel_auroc, refuse_leaks
 from rlihf_lib.eeg.preprocessing import Preprocessing, load_epochs
-from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
+from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs, same_power
 from rlihf_lib.eeg.splits import leave_one_subject_out
 from rlihf_lib.eeg.streaming import replay
 from rlihf_lib.files import canonical_json, sha256, write_csv, write_text
@@ -75,7 +75,7 @@ def run_loso(
     subjects = list(subjects)
     folder = Path(folder)
     folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
-    data, fingerprints, aurocs, input_format = {}, {}, [], None
+    data, identities, aurocs, input_format = {}, {}, [], None
     for subject in subjects:
         epochs = load_subject(load, subject, settings)
         input_format = input_format or InputFormat.of(epochs, settings.window)
@@ -83,15 +83,15 @@ def run_loso(
         aurocs.append(channel_auroc(picked, epochs.labels))
         signals = input_format.condition(picked).astype(np.float32)
         data[subject] = signals, epochs.labels
-        fingerprints[subject] = epochs.fingerprint()
+        identities[subject] = epochs.fingerprint(), epochs.power()
     refuse_leaks(aurocs, input_format.channels, "the epochs")
-    hashes = {fold.test: _fold_hash(fold, settings, input_format, fingerprints) for fold in folds}
-    missing = [f for f in folds if recompute or not _is_done(folder, f.test, hashes[f.test])]
+    keys = {fold.test: _fold_key(fold, settings, input_format, identities) for fold in folds}
+    missing = [f for f in folds if recompute or not _is_done(folder, f.test, keys[f.test])]
     if progress:
         progress(len(folds) - len(missing), len(folds), None)
     arguments = [
         (fold, fold.training_pool(data), input_format, load, settings, device, folder,
-         hashes[fold.test])
+         keys[fold.test])
         for fold in missing
     ]  # fmt: skip
     # Starting a process costs about as much as a small fold.
@@ -101,6 +101,7 @@ def run_loso(
         finished += 1
         if progress:
             progress(finished, len(folds), seconds)
+    hashes = {subject: key["hash"] for subject, key in keys.items()}
     return _merge(folder, subjects, settings, input_format, hashes)
 
 
@@ -177,8 +178,8 @@ def _one_thread():
 
 
 def _run_fold(argument):
-    """Train and score one fold and write its files, its hash last; return the seconds."""
-    fold, pool, input_format, load, settings, device, folder, fold_hash = argument
+    """Train and score one fold and write its files, its key last; return the seconds."""
+    fold, pool, input_format, load, settings, device, folder, key = argument
     start = time.perf_counter()
     fitted = fit_fold(pool, input_format, settings, device)
     decoder = fitted.decoder
@@ -199,7 +200,7 @@ def _run_fold(argument):
     write_csv(target / "p_error.csv", table)
     write_csv(target / "training.csv", fitted.history.assign(subject=fold.test))
     write_csv(target / "scores.csv", _score(fold, fitted, table, latencies, settings))
-    write_text(target / "fold.json", json.dumps({"hash": fold_hash}) + "\n")
+    write_text(target / "fold.json", json.dumps(key) + "\n")
     return time.perf_counter() - start
 
 
@@ -228,22 +229,26 @@ def _score(fold, fitted, table, latencies, settings):
     return pd.DataFrame([row])
 
 
-def _fold_hash(fold, settings, input_format, fingerprints):
-    """Hash everything a fold's results follow from."""
-    used = {subject: fingerprints[subject] for subject in (*fold.pool, fold.test)}
-    return sha256(
-        canonical_json([_VERSION, asdict(fold), asdict(settings), asdict(input_format), used])
-    )
+def _fold_key(fold, settings, input_format, identities):
+    """Name everything a fold's results follow from: a hash, and the power of every subject."""
+    used = {subject: identities[subject] for subject in (*fold.pool, fold.test)}
+    exact = {subject: fingerprint for subject, (fingerprint, _) in used.items()}
+    parts = [_VERSION, asdict(fold), asdict(settings), asdict(input_format), exact]
+    power = {subject: power for subject, (_, power) in used.items()}
+    return {"hash": sha256(canonical_json(parts)), "power": power}
 
 
-def _is_done(folder, subject, fold_hash):
+def _is_done(folder, subject, key):
     target = folder / "folds" / subject
     files = [target / f"{name}.csv" for name in TABLES]
     files += [folder / "weights" / f"{subject}.safetensors", target / "fold.json"]
     if not all(file.is_file() for file in files):
         return False
     try:
-        return json.loads(files[-1].read_text())["hash"] == fold_hash
+        found = json.loads(files[-1].read_text())
+        return found["hash"] == key["hash"] and all(
+            same_power(found["power"][subject], power) for subject, power in key["power"].items()
+        )
     except (ValueError, KeyError):
         return False
 

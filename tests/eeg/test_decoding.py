@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -8,6 +9,8 @@ from scipy.special import expit, logit
 from rlihf_lib.eeg import decoding
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.fitting import DecoderSettings, choose_device
+from rlihf_lib.eeg.signals import same_power
+from rlihf_lib.study import Study
 
 SETTINGS = DecoderSettings(
     max_epochs=10, patience=10, ensemble=2, n_permutations=100, n_validation=1, batch_size=16
@@ -164,6 +167,34 @@ def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(
     assert trained(dataset, settings) == 1
     assert trained(dataset | {"s05": make_epochs(99)}, settings) == 4
     assert trained(dataset, DecoderSettings(max_epochs=1, ensemble=1, n_permutations=11)) == 4
+
+
+def test_folds_trained_on_another_processor_are_recognised(finished, dataset, tmp_path):
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+
+    def trained(epochs):
+        counted = []
+        decoding.run_loso(
+            dataset | {"s05": epochs}, SUBJECTS, tmp_path, SETTINGS, workers=1,
+            progress=lambda *a: counted.append(a),
+        )  # fmt: skip
+        return len(counted) - 1
+
+    # Of simulated recordings, one sample in a thousand differs by the amplifier's resolution.
+    almost, rng = dataset["s05"].copy(), np.random.default_rng(0)
+    almost._data += 0.05e-6 * (rng.random(almost._data.shape) < 1e-3)
+    assert not np.array_equal(almost._data, dataset["s05"]._data) and trained(almost) == 0
+    other = dataset["s05"].copy()
+    other._data[0] = 1.5 * other._data[1]
+    assert trained(other) == 4
+
+
+def test_the_simulated_people_are_those_that_the_shipped_decoders_know():
+    folder = Study("quick").decoder / "folds" / "s02"
+    shipped = json.loads((folder / "fold.json").read_text())["power"]["s10"]
+    epochs = decoding.load_subject(decoding.loader("simulated"), "s10")
+    assert same_power(epochs.power(), shipped)
+    assert not same_power(epochs.power(), [power[::-1] for power in shipped])
 
 
 def test_channels_are_matched_by_name(finished, dataset, make_epochs, tmp_path):
