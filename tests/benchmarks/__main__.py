@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from itertools import chain
 from pathlib import Path
 
 from rlihf_lib.files import write_text
@@ -32,11 +33,12 @@ def main(argv=None):
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the ratios to FILE")
     parser.add_argument("--repeats", type=int, default=5, help="alternating repeats (default 5)")
     options = parser.parse_args(argv)
-    ratios = {**policies.measure(options.repeats), **decoder.measure()}
-    print(f"{'what':21}{'measured':>9}  wanted")
-    for key, value in ratios.items():
+    ratios = {}
+    print(f"{'what':21}{'measured':>9}  wanted", flush=True)
+    for key, value in chain(policies.measure(options.repeats), decoder.measure()):
+        ratios[key] = value
         measured = value if isinstance(value, str) else f"{value:9.2f}"
-        print(f"{key:21}{measured}  {WANTED[key]}".rstrip())
+        print(f"{key:21}{measured}  {WANTED[key]}".rstrip(), flush=True)
     if options.json:
         write_text(options.json, json.dumps(ratios, indent=2) + "\n")
     return 0
