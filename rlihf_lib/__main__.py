@@ -17,7 +17,7 @@ def parser():
         description="From EEG recordings to every figure and table of the paper. What is done "
         "already, shipped results included, is used; the rest is computed.",
         epilog="`python -m tests.benchmarks [--json FILE]` measures the speed of every part, "
-        "`python -m rlihf_lib pilots` repeats the runs behind the settings.",
+        "`python -m rlihf_lib pilots` repeats the pilots.",
     )
     result.add_argument("--profile", choices=PROFILES, default="quick", help="size (default quick)")
     result.add_argument(

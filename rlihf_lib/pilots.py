@@ -1,9 +1,9 @@
-"""Pilots: the runs behind the settings, on seeds that no study uses. `python -m rlihf_lib pilots`.
+"""Pilots: the final settings on seeds that no study uses. `python -m rlihf_lib pilots`.
 
 The paper's 150,000 steps of dense and sparse reward, the latter also with settings of its own; of
 feedback from an ideal decoder (p = label), also with the lay observer, and from the weakest, the
-median and the strongest decoded subject. Task, rewards, observer and learner were chosen on such
-runs before any study was computed; they are the same for all conditions.
+median and the strongest decoded subject. Task, rewards, observer and learner were chosen on earlier
+ones before any study was computed; they are the same for all conditions.
 """
 
 import argparse

@@ -1,11 +1,13 @@
-"""The README names only what exists."""
+"""README and manifests of figures name only what exists."""
 
+import json
 import re
 
 import pandas as pd
 import pytest
 
 from rlihf_lib.__main__ import parser
+from rlihf_lib.files import sha256
 from rlihf_lib.rl.incentives import explained_sentence
 from rlihf_lib.study import REPOSITORY, Study
 
@@ -28,6 +30,18 @@ def test_ci_runs_the_command_of_the_readme():
     assert command in README
     ci = (REPOSITORY / ".ci" / "run").read_text().replace("--quiet ", "")
     assert command in ci
+
+
+# Those of `smoke` are not shipped.
+@pytest.mark.parametrize("manifest", sorted(REPOSITORY.glob("figures/[!s]*/manifest.json")))
+def test_every_shipped_picture_is_in_its_manifest_with_the_data_it_was_drawn_from(manifest):
+    entries = json.loads(manifest.read_text(encoding="utf-8"))
+    assert {path.stem for path in manifest.parent.glob("*.*[fg]")} == set(entries)
+    sources = {
+        name: hash_ for entry in entries.values() for name, hash_ in entry["sources"].items()
+    }
+    stale = [name for name, known in sources.items() if sha256(REPOSITORY / name) != known]
+    assert not stale
 
 
 @pytest.mark.parametrize("observer", ["path", "lay"])

@@ -13,10 +13,10 @@ out: seeds count as nested. Percentile intervals of few units are too narrow: th
 lacks the factor n / (n - 1), its quantiles are the normal distribution's, not Student's (Hesterberg
 2015, The American Statistician 69:371). He makes up for both by quantiles further out, which can't
 leave the range of the data: with five seeds 91 % are covered. Here the arms of the percentile
-interval are stretched by the same two factors. In simulated studies of 12 people and 5 seeds 93 to
+interval are stretched by the same two factors. In simulated studies of 12 people and 5 seeds 94 to
 96 % of the intervals hold the true mean, whether people differ more than seeds or less, whether
-scores are normal or runs either learn or fail (not stretched: 90 to 93 %); of five seeds 94 to 95 %
-with normal scores (83 %), 91 to 94 % where about half the runs learn; see
+scores are normal or runs either learn or fail (not stretched: 90 to 93 %); of five seeds 92 to 95 %
+(83 % of normal scores); see
 `tests/report/test_coverage.py`. What no interval can do: where one in ten fails, five runs often
 show none that did.
 

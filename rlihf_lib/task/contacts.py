@@ -57,9 +57,9 @@ class Contacts:
     def clearance(self, held):
         """Distance between the hand, or the can it holds, and the nearest obstacle.
 
-        Asked of MuJoCo's native collision code, which is exact to micrometres. The simulation's
-        contacts are left to libccd, which takes half as long, and whose distances depend on the
-        order of asking and are low by up to 3.5 cm.
+        Asked of MuJoCo's native collision code, exact to 0.1 mm. The simulation's contacts are left
+        to libccd, which takes half as long, and whose distances depend on the order of asking and
+        are low by up to 9 cm.
 
         Parameters
         ----------

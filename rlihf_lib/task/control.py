@@ -8,6 +8,8 @@ recomputed every 8 ms instead of every 2 ms, and a control step is one loop in c
 calls MuJoCo's C functions.
 """
 
+from typing import NamedTuple
+
 import mujoco
 import numba
 import numpy as np
@@ -27,6 +29,31 @@ ARM_DOFS = 7
 TORQUE_PERIOD = 2  # physics steps between two torque computations
 
 
+class Target(NamedTuple):
+    """What the arm is pulled towards."""
+
+    position: np.ndarray
+    """Of the hand, metres, (3,)."""
+    orientation: np.ndarray
+    """Of the hand, (3, 3)."""
+    angles: np.ndarray
+    """Of the joints, rad, (7,): where the null space returns to."""
+
+
+class Memory(NamedTuple):
+    """Views of the simulation's memory, and room for what is computed from it."""
+
+    ctrl: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    bias: np.ndarray
+    inertia: np.ndarray
+    hand: np.ndarray
+    orientation: np.ndarray
+    jacobian: np.ndarray
+    mass: np.ndarray
+
+
 @numba.njit(cache=True)
 def _orientation_error(goal, current):
     error = np.zeros(3)
@@ -39,60 +66,57 @@ def _orientation_error(goal, current):
 
 
 @numba.njit(cache=True)
-def operational_space_torques(
-    goal_pos, goal_ori, pos, ori, jacobian, mass, bias, q, dq, q_rest, low, high
-):
+def operational_space_torques(target, hand, orientation, jacobian, mass, bias, q, dq):
     """Joint torques that pull the hand to a goal pose (robosuite's `OSC_POSE`, Khatib 1987).
 
     Parameters
     ----------
-    goal_pos, pos : ndarray, shape (3,)
-        Goal and current position of the hand, metres.
-    goal_ori, ori : ndarray, shape (3, 3)
-        Goal and current orientation of the hand.
+    target : Target
+    hand : ndarray, shape (3,)
+        Position of the hand, metres.
+    orientation : ndarray, shape (3, 3)
+        Of the hand.
     jacobian : ndarray, shape (6, 7)
         Of the hand: rows 0-2 translation, 3-5 rotation.
     mass : ndarray, shape (7, 7)
         Joint-space inertia, kg m^2.
     bias : ndarray, shape (7,)
         Gravity and Coriolis torques, N m.
-    q, dq, q_rest : ndarray, shape (7,)
-        Joint angles (rad), velocities (rad/s) and the angles the null space returns to.
-    low, high : ndarray, shape (7,)
-        Torque limits, N m.
+    q, dq : ndarray, shape (7,)
+        Joint angles (rad) and velocities (rad/s).
 
     Returns
     -------
     ndarray, shape (7,)
-        Torques within the limits, N m.
+        Torques, N m.
     """
     damping = 2.0 * np.sqrt(STIFFNESS)
     velocity = jacobian @ dq
-    force = STIFFNESS * (goal_pos - pos) - damping * velocity[:3]
-    torque = STIFFNESS * _orientation_error(goal_ori, ori) - damping * velocity[3:]
-    pose = NULLSPACE_STIFFNESS * (q_rest - q) - 2.0 * np.sqrt(NULLSPACE_STIFFNESS) * dq
+    force = STIFFNESS * (target.position - hand) - damping * velocity[:3]
+    torque = STIFFNESS * _orientation_error(target.orientation, orientation)
+    torque -= damping * velocity[3:]
+    pose = NULLSPACE_STIFFNESS * (target.angles - q) - 2.0 * np.sqrt(NULLSPACE_STIFFNESS) * dq
     # The task's acceleration, less what the null-space term would add to it (J M^-1 M pose).
     acceleration = np.concatenate((force, torque)) - jacobian @ pose
     lambda_inv = jacobian @ np.linalg.solve(mass, jacobian.T.copy())
     wrench = np.linalg.solve(lambda_inv, acceleration)
-    return np.minimum(np.maximum(jacobian.T @ wrench + mass @ pose + bias, low), high)
+    return jacobian.T @ wrench + mass @ pose + bias
 
 
 @numba.njit(cache=True)
-def _drive(
-    model, data, n_steps, site, goal_pos, goal_ori, q_rest, low, high,
-    ctrl, qpos, qvel, bias, inertia, site_pos, site_ori, jacobian, mass,
-):  # fmt: skip
-    """Step the physics `n_steps` times, with torques towards the goal."""
+def _drive(model, data, site, n_steps, target, memory, low, high):
+    """Step the physics `n_steps` times, with torques towards the target, from `low` to `high`."""
+    jacobian, mass = memory.jacobian, memory.mass
     for step in range(n_steps):
         if step % TORQUE_PERIOD == 0:
             mj_jacSite(model, data, jacobian[:3].ctypes, jacobian[3:].ctypes, site)
-            mj_fullM(model, mass.ctypes, inertia.ctypes)
-            ctrl[:ARM_DOFS] = operational_space_torques(
-                goal_pos, goal_ori, site_pos, site_ori,
+            mj_fullM(model, mass.ctypes, memory.inertia.ctypes)
+            torques = operational_space_torques(
+                target, memory.hand, memory.orientation,
                 jacobian[:, :ARM_DOFS].copy(), mass[:ARM_DOFS, :ARM_DOFS].copy(),
-                bias[:ARM_DOFS], qpos[:ARM_DOFS], qvel[:ARM_DOFS], q_rest, low, high,
+                memory.bias[:ARM_DOFS], memory.qpos[:ARM_DOFS], memory.qvel[:ARM_DOFS],
             )  # fmt: skip
+            memory.ctrl[:ARM_DOFS] = np.minimum(np.maximum(torques, low), high)
         mj_step(model, data)
     # The last mj_step leaves positions one step ahead of poses: bring them together.
     mj_kinematics(model, data)
@@ -126,7 +150,7 @@ class Controller:
         self.finger_half = np.ptp(finger_range, axis=1) / 2
         data, model = self.data, self.model
         self.hand = data.site_xpos[self.site]
-        self._arrays = (
+        self._memory = Memory(
             data.ctrl, data.qpos, data.qvel, data.qfrc_bias, data.qM,
             self.hand, data.site_xmat[self.site].reshape(3, 3),
             np.zeros((6, model.nv)), np.zeros((model.nv, model.nv)),
@@ -168,8 +192,8 @@ class Controller:
         fingers = self.gripper.format_action(action[3:])
         data.ctrl[ARM_DOFS:] = self.finger_middle + self.finger_half * fingers
         _drive(
-            self.model._address, data._address, self.physics_steps, self.site,
-            self.goal_pos, self.goal_ori, self.q_rest, self.low, self.high, *self._arrays,
+            self.model._address, data._address, self.site, self.physics_steps,
+            Target(self.goal_pos, self.goal_ori, self.q_rest), self._memory, self.low, self.high,
         )  # fmt: skip
 
 

@@ -1,19 +1,33 @@
 """Batches of n-step transitions, drawn from Stable-Baselines3's replay buffer."""
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 import torch
 
 
+class Transitions(NamedTuple):
+    """Arrays of a replay buffer, shape (n, n_envs, ...)."""
+
+    observations: np.ndarray
+    actions: np.ndarray
+    next_observations: np.ndarray
+    rewards: np.ndarray
+    dones: np.ndarray
+    timeouts: np.ndarray
+
+
 @numba.njit(cache=True)
-def _n_step_batch(
-    starts, envs, n_steps, gamma, newest, observations, actions, next_observations, rewards,
-    dones, timeouts, rows, returns, discounts,
-):  # fmt: skip
-    """Fill in what `Batch` holds; follows each transition until an episode or the buffer ends."""
-    batch, n_observations, n_actions = len(starts), observations.shape[2], actions.shape[2]
+def _fill_in(drawn, newest, n_steps, gamma, memory, rows, returns, discounts):
+    """Fill in what `Batch` holds: transitions from `drawn` on, (2, n) of steps and environments.
+
+    Each is followed until its episode or the buffer, at `newest`, ends.
+    """
+    observations, actions, next_observations, rewards, dones, timeouts = memory
+    batch, n_observations, n_actions = drawn.shape[1], observations.shape[2], actions.shape[2]
     for i in range(batch):  # loops, as Numba takes twice as long to copy slices this short
-        at, env = starts[i], envs[i]
+        at, env = drawn[0, i], drawn[1, i]
         for j in range(n_observations):
             rows[i, j] = rows[2 * batch + i, j] = observations[at, env, j]
         for j in range(n_actions):
@@ -77,10 +91,11 @@ class Batch:
         filled = buffer.buffer_size if buffer.full else buffer.pos
         starts = np.random.randint(0, filled, size=self.size)  # noqa: NPY002 (as SB3 does)
         envs = np.random.randint(0, buffer.n_envs, size=self.size)  # noqa: NPY002
-        _n_step_batch(
-            starts, envs, n_steps, gamma, (buffer.pos - 1) % buffer.buffer_size,
-            buffer.observations, buffer.actions, buffer.next_observations, buffer.rewards,
-            buffer.dones, buffer.timeouts, self._rows.numpy(), self.returns, self.discounts,
+        memory = Transitions(*(getattr(buffer, name) for name in Transitions._fields))
+        newest = (buffer.pos - 1) % buffer.buffer_size
+        _fill_in(
+            np.stack([starts, envs]), newest, n_steps, gamma, memory,
+            self._rows.numpy(), self.returns, self.discounts,
         )  # fmt: skip
         if self._noisy:  # else the random numbers stay those of SB3
             self.taken.addcmul_(self._noise.normal_(), self._scale)

@@ -1,0 +1,128 @@
+"""Shrinkage LDA on 50-ms means: the classical decoder, across people and within one.
+
+Blankertz, Lemm, Treder, Haufe, Müller (2011), Single-trial analysis and classification of ERP
+components, NeuroImage 56, 814-825. It shares nothing with the networks: by it the simulated
+recordings were calibrated, and beside it networks show what they are worth.
+"""
+
+import numpy as np
+import pandas as pd
+from scipy.linalg import eigh
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.metrics import accuracy_score, balanced_accuracy_score
+
+from rlihf_lib.eeg.decoding import load_subject
+from rlihf_lib.eeg.fitting import DEFAULTS
+from rlihf_lib.eeg.scores import auroc
+from rlihf_lib.eeg.signals import InputFormat
+from rlihf_lib.eeg.splits import leave_one_subject_out
+
+STEP = 0.05  # s
+
+
+def scaling(signals):
+    """One over the standard deviation of each channel, as a diagonal matrix; see `whitening`."""
+    return np.diag(1 / signals.std(axis=(0, 2)))
+
+
+def whitening(signals):
+    """Symmetric inverse square root of the mean spatial covariance of epochs.
+
+    He & Wu (2020), Transfer learning for brain-computer interfaces: a Euclidean space data
+    alignment approach, IEEE Trans. Biomed. Eng. 67, 399-410. It uses no label.
+
+    Parameters
+    ----------
+    signals : ndarray, shape (n, n_channels, n_times)
+
+    Returns
+    -------
+    ndarray, shape (n_channels, n_channels)
+    """
+    covariance = np.mean([np.cov(epoch) for epoch in signals], axis=0)
+    power, axes = eigh(covariance)
+    # An average reference leaves one direction without power, which must not be blown up.
+    return (axes / np.sqrt(power + 1e-3 * power.mean())) @ axes.T
+
+
+def across_subjects(load, subjects, settings=DEFAULTS, spatial=whitening):
+    """Decode every subject by what all others teach, leave-one-subject-out.
+
+    Parameters
+    ----------
+    load, subjects, settings
+        As for `decoding.run_loso`; the same window and channels are decoded.
+    spatial : {`whitening`, `scaling`}
+        Makes the spatial filters of a subject from all of the subject's epochs, without labels.
+        That is more than the networks get, which see nothing of the held-out subject but the epoch
+        to decode; LDA needs it.
+
+    Returns
+    -------
+    DataFrame
+        Columns subject, accuracy, balanced_accuracy, auroc.
+    """
+    features = {}
+    for subject in subjects:
+        signals, labels, width = _window(load_subject(load, subject, settings), settings)
+        features[subject] = _means(spatial(signals) @ signals, width), labels
+    rows = []
+    for fold in leave_one_subject_out(subjects):
+        pool = fold.training_pool(features)
+        x, y = (np.concatenate(parts) for parts in zip(*pool.values(), strict=True))
+        x_test, y_test = features[fold.test]
+        rows.append({"subject": fold.test, **_score(_fit(x, y).decision_function(x_test), y_test)})
+    return pd.DataFrame(rows)
+
+
+def within_subject(epochs, settings=DEFAULTS, n_folds=10):
+    """Cross-validated decoding of one person, folds contiguous in time.
+
+    Whitening and classifier are fitted on the training folds only.
+
+    Parameters
+    ----------
+    epochs : signals.SubjectEpochs
+        In the order of time.
+    settings : DecoderSettings
+    n_folds : int
+
+    Returns
+    -------
+    dict
+        accuracy, balanced_accuracy, auroc.
+    """
+    signals, labels, width = _window(epochs, settings)
+    fold = np.arange(len(labels)) * n_folds // len(labels)
+    decision = np.empty(len(labels))
+    for k in range(n_folds):
+        train = fold != k
+        x = _means(whitening(signals[train]) @ signals, width)
+        decision[~train] = _fit(x[train], labels[train]).decision_function(x[~train])
+    return _score(decision, labels)
+
+
+def _window(epochs, settings):
+    """Signals in the window, channels by name; labels; samples that make one mean."""
+    layout = InputFormat.of(epochs, settings.window)
+    signals = layout.pick(epochs)[:, np.argsort(layout.channels), layout.start : layout.stop]
+    return signals, epochs.labels, round(STEP * layout.sfreq)
+
+
+def _means(signals, width):
+    n_means = signals.shape[-1] // width
+    parts = signals[..., : n_means * width].reshape(*signals.shape[:2], n_means, width)
+    return parts.mean(axis=-1).reshape(len(signals), -1)
+
+
+def _fit(means, labels):
+    return LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto").fit(means, labels)
+
+
+def _score(decision, labels):
+    answers = (decision > 0).astype(int)
+    return {
+        "accuracy": accuracy_score(labels, answers),
+        "balanced_accuracy": balanced_accuracy_score(labels, answers),
+        "auroc": auroc(decision, labels),
+    }
