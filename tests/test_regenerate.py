@@ -1,5 +1,6 @@
 """The command line and the execution of notebooks: what users see, above all when it fails."""
 
+import json
 import os
 import signal
 import subprocess
@@ -129,7 +130,9 @@ def test_list_counts_runs_that_are_done(tmp_path):
     folder = study.runs / config.run_id
     folder.mkdir(parents=True)
     (folder / "eval.csv").touch()
-    (folder / "config.json").write_text(f'{{"hash": "{config.hash}", "total_steps": 3000}}')
+    (folder / "config.json").write_text(
+        json.dumps({"hash": config.hash, "total_steps": config.total_steps})
+    )
     (folder / "provenance.json").write_text('{"wall_seconds": 30.0}')
     rows = {row["stage"]: row for row in status(study, workers=1)}
     assert (

@@ -219,8 +219,9 @@ def learner_figure(training, condition, total_steps, caption=""):
         ax.plot(training["step"] / 1000, training[column], **line)
         mark_phases(ax, total_steps)
         ax.set(xlabel="Steps (thousands)", ylabel=words)
-    axes[0].set_yscale("log")
-    axes[1].set_yscale("log")
+    for ax, column in zip(axes[:2], panels, strict=False):
+        if training[column].notna().any():  # nothing is learnt in the first steps
+            ax.set_yscale("log")
     if condition == "rlihf":
         axes[-1].set_ylim(-0.03, 1.03)
     note(fig, caption)

@@ -158,6 +158,8 @@ def save_figure(fig, study, name, notebook, sources=()):
 def save_film(recording, study, name, notebook, sources):
     """Save a film of a rollout as GIF and record its sources; arguments as in `save_figure`.
 
+    Rendering takes half a minute without a graphics card, so a film of the same sources is kept.
+
     Parameters
     ----------
     recording : rlihf_lib.rl.replay.Recording
@@ -169,6 +171,8 @@ def save_film(recording, study, name, notebook, sources):
     """
     hashes = _hashes(name, study, sources)
     path = study.figures / f"{name}.gif"
+    if path.is_file() and _manifest(study).get(name, {}).get("sources") == hashes:
+        return path
     if not film(path, recording.qpos[:FILM_STEPS], recording.seed):
         return None
     _enter(study, name, notebook, hashes)
@@ -256,10 +260,14 @@ def _hashes(name, study, sources):
 
 
 def _enter(study, name, notebook, hashes):
+    entry = {name: {"notebook": notebook, "sources": hashes}}
+    text = json.dumps(_manifest(study) | entry, indent=1, sort_keys=True)
+    write_text(study.figures / "manifest.json", text + "\n")
+
+
+def _manifest(study):
     path = study.figures / "manifest.json"
-    manifest = json.loads(path.read_text()) if path.exists() else {}
-    manifest[name] = {"notebook": notebook, "sources": hashes}
-    write_text(path, json.dumps(manifest, indent=1, sort_keys=True) + "\n")
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def _relative(path, study):

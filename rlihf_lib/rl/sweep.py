@@ -26,6 +26,8 @@ QUIET = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
+    # A laptop that slept for five minutes has not lost its workers.
+    "distributed.scheduler.worker-ttl": None,
 }
 
 

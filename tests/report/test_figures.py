@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import figures_late, figures_policy, tables
+from rlihf_lib.report import figures_late, figures_policy, style, tables
 from rlihf_lib.report.evaluations import load_runs
 from rlihf_lib.report.style import LABELS, color, ordered, save_figure, shades
+from rlihf_lib.rl.replay import Recording
 
 T = 3000
 
@@ -137,6 +138,16 @@ def test_time_and_clearance_are_those_of_late_successes(runs, weighed):
     assert {x for line in ax.lines if line.get_marker() == "o" for x in line.get_xdata()} == {8.0}
 
 
+@pytest.mark.parametrize("learnt", [True, False])
+def test_a_run_is_drawn_as_soon_as_it_has_windows_learnt_or_not(learnt):
+    values = [np.nan, 0.5] if learnt else [np.nan, np.nan]
+    columns = ("critic_loss", "ent_coef", "mean_q", "judged_wrong")
+    window = pd.DataFrame({"step": [1000, 2000]} | dict.fromkeys(columns, values))
+    fig = figures_policy.learner_figure(window, "rlihf", T)
+    fig.canvas.draw()
+    assert [ax.get_yscale() for ax in fig.axes[:2]] == ["log" if learnt else "linear"] * 2
+
+
 def test_a_single_run_each_can_be_drawn(study):
     runs = load_runs(study)
     table = tables.subject_table(runs, study.scores(), T)
@@ -178,3 +189,21 @@ def test_saved_figures_say_what_they_were_drawn_from(study):
     assert list(entry["sources"]) == ["results/smoke-simulated/runs/dense-seed0/eval.csv"]
     with pytest.raises(FileNotFoundError, match="no-such-run"):
         save_figure(fig, study, "safety", "04_metrics_tables", ["no-such-run"])
+
+
+def test_a_film_is_rendered_anew_only_if_what_it_shows_has_changed(study, monkeypatch):
+    rendered = []
+
+    def render(path, qpos, seed):
+        rendered.append(seed)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"GIF")
+        return "egl"
+
+    monkeypatch.setattr(style, "film", render)
+    recording = Recording(None, None, np.zeros((3, 9)), 7, True)
+    source = study.decoder / "scores.csv"
+    for text in ("subject,auroc\n", "subject,auroc\n", "subject,auroc\ns02,0.5\n"):
+        source.write_text(text)
+        style.save_film(recording, study, "film_dense", "03_policy_training", [source])
+    assert rendered == [7, 7]
