@@ -3,21 +3,22 @@
 import argparse
 import logging
 import sys
+from datetime import timedelta
 
-from rlihf_lib.regenerate import NotebookError, regenerate, select, worker_count
-from rlihf_lib.status import print_status
+from rlihf_lib.regenerate import NOTEBOOKS, NotebookError, regenerate, select
 from rlihf_lib.study import EVENTS, PROFILES, Study
 
+SECONDS_OF_DRAWING = 150  # on two cores
 
-def parser():
+
+def parser() -> argparse.ArgumentParser:
     """Build the parser of the main command."""
     result = argparse.ArgumentParser(
         prog="python -m rlihf_lib",
         usage="python -m rlihf_lib [options]",
         description="From EEG recordings to every figure and table of the paper. What is done "
         "already, shipped results included, is used; the rest is computed.",
-        epilog="`python -m tests.benchmarks [--json FILE]` measures the speed of every part, "
-        "`python -m rlihf_lib pilots` repeats the pilots.",
+        epilog="`python -m tests.benchmarks [--json FILE]` measures the speed of every part.",
     )
     result.add_argument("--profile", choices=PROFILES, default="quick", help="size (default quick)")
     result.add_argument(
@@ -45,7 +46,7 @@ def parser():
     )
     result.add_argument(
         "--workers",
-        type=worker_count,
+        type=_worker_count,
         default=0,
         metavar="N",
         help="processes (default: the cores)",
@@ -60,15 +61,23 @@ def parser():
     return result
 
 
-def main(argv=None):
-    """Run the command line; return the exit status."""
-    argv = sys.argv[1:] if argv is None else argv
-    if argv[:1] == ["pilots"]:
-        from rlihf_lib import pilots
+def _worker_count(text):
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
+    return int(text)
 
-        return pilots.main(argv[1:])
+
+def main(argv=None) -> int:
+    """Run the command line; return the exit status."""
     command = parser()
     options = command.parse_args(argv)
+    if not NOTEBOOKS.is_dir():
+        print(
+            f"rlihf_lib: installed without its notebooks ({NOTEBOOKS} is missing), which do the "
+            "work; clone the repository and run the command there",
+            file=sys.stderr,
+        )
+        return 1
     try:
         study = Study(
             options.profile, options.eeg, options.out, options.events, options.drop_channels
@@ -78,7 +87,7 @@ def main(argv=None):
         command.error(str(error))
     try:
         if options.list:
-            print_status(study, options.workers)
+            _print_status(study, options.workers)
         else:
             regenerate(study, steps, options.workers, options.recompute)
             print(f"figures: {study.figures}\nresults: {study.results}")
@@ -90,6 +99,15 @@ def main(argv=None):
         print("\ninterrupted; the same command goes on from here", file=sys.stderr)
         return 130
     return 0
+
+
+def _print_status(study, workers):
+    table = study.status(workers)
+    rest = table["seconds"].map(lambda seconds: str(timedelta(seconds=round(seconds))))
+    print(f"study {study.name} in {study.out}")
+    print(table.drop(columns="seconds").assign(rest=rest).to_string(index=False))
+    total = table["seconds"].sum() + SECONDS_OF_DRAWING
+    print(f"everything takes about {timedelta(seconds=round(total))}, drawing included")
 
 
 if __name__ == "__main__":

@@ -3,12 +3,13 @@
 import hashlib
 import json
 import os
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 
 @contextmanager
-def atomic_path(path):
+def atomic_path(path) -> Iterator[Path]:
     """Give a temporary path beside `path`; rename it to `path` when the block succeeds.
 
     Parameters
@@ -47,24 +48,24 @@ def atomic_path(path):
         temporary.unlink(missing_ok=True)
 
 
-def write_text(path, text):
+def write_text(path, text) -> None:
     """Write `text` to `path` as UTF-8, atomically."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def write_csv(path, frame):
+def write_csv(path, frame) -> None:
     """Write a DataFrame to `path` without its index, atomically and with round-trip floats."""
     with atomic_path(path) as temporary:
         frame.to_csv(temporary, index=False, lineterminator="\n")
 
 
-def canonical_json(value):
+def canonical_json(value) -> str:
     """JSON with sorted keys and no spaces, so that equal values give equal text."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"))
 
 
-def sha256(data):
+def sha256(data) -> str:
     """Hexadecimal SHA-256 of bytes, a string (as UTF-8) or the content of a Path."""
     if isinstance(data, Path):
         data = data.read_bytes()

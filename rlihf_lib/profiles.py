@@ -45,10 +45,27 @@ class Profile:
     """Of the seeds, those of tuned sparse reward and of an ideal decoder."""
     control_seeds: tuple[int, ...] = (0,)
     """Of the seeds, those of feedback that says nothing."""
+    tuned_discounts: tuple[float, ...] = (0.98,)
+    """Discounts of sparse reward with settings of its own: the better of the pilots' two."""
     weights: tuple[float, ...] = (0.1, 0.4, 0.7)
     """Weights of human feedback compared in Fig. 6 (paper: these three)."""
     w_hf: float = 0.7
     """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
+
+    def n_runs(self, stage, n_people) -> int:
+        """Count the runs of a stage of `Study.run_configs` if `n_people` are decoded."""
+        main, ablation = (
+            min(wanted or n_people, n_people)
+            for wanted in (self.n_policy_subjects, self.n_ablation_subjects)
+        )
+        return {
+            "sparse": len(self.seeds),
+            "tuned": len(self.supplementary_seeds) * len(self.tuned_discounts),
+            "dense": len(self.seeds),
+            "rlihf": main * len(self.seeds),
+            "controls": len(self.supplementary_seeds) + 2 * len(self.control_seeds),
+            "ablation": ablation * len(self.weights) * len(self.ablation_seeds),
+        }[stage]
 
 
 PROFILES = {
@@ -88,6 +105,22 @@ PROFILES = {
             ablation_seeds=(0, 1),
             supplementary_seeds=(0, 1, 2, 3, 4),
             control_seeds=(0, 1, 2),
+            total_steps=150_000,
+            eval_every=10_000,
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
+        ),
+        # The final settings at the paper's length on seeds that no study uses.
+        Profile(
+            name="pilots",
+            n_subjects=None,
+            n_policy_subjects=3,
+            n_ablation_subjects=1,
+            seeds=(100, 101),
+            ablation_seeds=(100,),
+            supplementary_seeds=(100, 101),
+            control_seeds=(),
+            tuned_discounts=(0.98, 0.99),
+            weights=(0.7,),
             total_steps=150_000,
             eval_every=10_000,
             decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),

@@ -1,98 +1,85 @@
-"""Progress of long work inside a notebook, told to the command line through a small file."""
+"""How far long work is: a bar by tqdm, and a file for the command line that runs the notebook."""
 
-import json
+import io
+import os
 import threading
-import time
+from pathlib import Path
 
 from rlihf_lib.files import write_text
 
-FILE_NAME = ".progress.json"
+#: Environment variable that names the file. Where it is set, nothing is shown in the notebook.
+VARIABLE = "RLIHF_PROGRESS"
 
 
 class Progress:
-    """Count what is done, running and left, and estimate the time that is left.
+    """Count finished and begun parts of long work.
 
     Parameters
     ----------
-    path : Path
-        File that another process may read while the work goes on; removed on leaving the block.
-    total, missing : int
-        How many there are, and how many of them are still to do.
-    n_workers : int
-        How many are worked on at once.
+    total, done : int
+        How many there are, and how many were done before.
     unit : str
-        What is counted.
+        What is counted, in the plural.
     """
 
-    def __init__(self, path, total, missing, n_workers=1, unit="runs"):
-        self.path = path
-        self.total = total
-        self.missing = missing
-        self.n_workers = n_workers
-        self.unit = unit
-        self.shares = {}
-        self.n_finished = 0
-        self.start = time.monotonic()
-        self.lock = threading.Lock()  # work elsewhere reports from another thread
+    def __init__(self, total: int, done: int, unit: str):
+        path = os.environ.get(VARIABLE)
+        if path:
+            from tqdm import tqdm
 
-    def __enter__(self):
-        self._write()
+            options = {"file": io.StringIO()}
+        else:
+            from tqdm.auto import tqdm
+
+            options = {}
+        self._path = Path(path) if path else None
+        self._finished = done
+        self._shares: dict[str, float] = {}
+        self._lock = threading.Lock()  # work elsewhere reports from another thread
+        self._bar = tqdm(
+            total=total,
+            initial=done,
+            bar_format=f"{unit}: {{n:.1f}} of {{total}} {{bar:20}} {{remaining}} to go",
+            **options,
+        )
+
+    def __enter__(self) -> "Progress":
+        self._show()
         return self
 
-    def __exit__(self, *exception):
-        with self.lock:
-            self.path.unlink(missing_ok=True)
-            self.path = None
+    def __exit__(self, *exception) -> None:
+        with self._lock:
+            self._bar.close()
+            if self._path:
+                self._path.unlink(missing_ok=True)
 
-    def advance(self, name, share):
+    def __str__(self) -> str:
+        return str(self._bar)
+
+    def advance(self, name: str, share: float) -> None:
         """Note that the share `share`, in [0, 1], of the work called `name` is done."""
-        with self.lock:
-            self.shares[name] = share
-        self._write()
+        self._shares[name] = share
+        self._show()
 
-    def finished(self, name):
+    def finished(self, name: str) -> None:
         """Count the work called `name` as finished, well or not."""
-        with self.lock:
-            self.shares.pop(name, None)
-            self.n_finished += 1
-        self._write()
+        self._shares.pop(name, None)
+        self._finished += 1
+        self._show()
 
-    def counted(self, done, total, seconds=None):
-        """Note that `done` of `total` are done; the callback of `eeg.decoding.run_loso`."""
-        with self.lock:
-            self.n_finished = done - (self.total - self.missing)
-            if seconds is None:  # the start: what was done before takes no time now
-                self.total, self.missing, self.n_finished = total, total - done, 0
-        self._write()
-
-    def __str__(self):
-        left = self.missing - self.n_finished
-        running = min(self.n_workers, left)
-        text = f"{self.unit}: {self.total - left} done, {running} running, {left - running} left"
-        work = self.n_finished + sum(self.shares.values())
-        if work and left:
-            seconds = (self.missing - work) * (time.monotonic() - self.start) / work
-            text += f", about {duration(seconds)} to go"
-        return text
-
-    def _write(self):
-        with self.lock:
-            if self.path:
-                write_text(self.path, json.dumps({"text": str(self)}))
+    def _show(self):
+        with self._lock:
+            if self._bar.disable:  # closed; a late report changes nothing
+                return
+            self._bar.n = self._finished + sum(self._shares.values())
+            self._bar.refresh()
+            if self._path:
+                write_text(self._path, str(self._bar))
 
 
-def read(path):
+def read(path: Path) -> str:
     """Return the last text that a running `Progress` wrote to `path`; "" if there is none."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))["text"]
-    except (OSError, ValueError, KeyError):
+        return path.read_text(encoding="utf-8")
+    except OSError:
         return ""
-
-
-def duration(seconds):
-    """Format seconds for people: "40 s", "12 min", "3.5 h"."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 5400:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"

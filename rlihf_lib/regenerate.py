@@ -1,12 +1,15 @@
 """Execute the notebooks in order through papermill."""
 
-import argparse
+import os
 import sys
+import tempfile
 import threading
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from rlihf_lib import progress
-from rlihf_lib.study import REPOSITORY
+from rlihf_lib.study import REPOSITORY, Study
 
 NOTEBOOKS = REPOSITORY / "notebooks"
 
@@ -19,7 +22,7 @@ class Step:
     parameters: dict = field(default_factory=dict)
 
     @property
-    def title(self):
+    def title(self) -> str:
         """Name of the executed copy, such as `03_policy_training-dense`."""
         return "-".join([self.notebook, *self.parameters.values()])
 
@@ -41,14 +44,7 @@ class NotebookError(RuntimeError):
     """An error inside a notebook, told in the words a reader needs."""
 
 
-def worker_count(text):
-    """Return the number of processes an option of the command line asks for; 0 means the cores."""
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
-    return int(text)
-
-
-def select(only):
+def select(only) -> list[Step]:
     """Return the steps of the notebooks named, in order.
 
     Parameters
@@ -71,7 +67,7 @@ def select(only):
     return [step for step in STEPS if not only or step.notebook in chosen]
 
 
-def regenerate(study, steps, workers=0, recompute=False):
+def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     """Execute notebooks and keep the executed copies in `study.notebooks`.
 
     Parameters
@@ -93,19 +89,18 @@ def regenerate(study, steps, workers=0, recompute=False):
         If a cell raises.
     """
     _check_writable(study)
-    for step in steps:
-        check_parameters(_path(step), _parameters(study, step, workers, recompute))
-    for step in steps:
-        execute(
-            _path(step),
+    jobs = [
+        (
+            NOTEBOOKS / f"{step.notebook}.ipynb",
             study.notebooks / f"{step.title}.ipynb",
             _parameters(study, step, workers, recompute),
-            study.results / progress.FILE_NAME,
         )
-
-
-def _path(step):
-    return NOTEBOOKS / f"{step.notebook}.ipynb"
+        for step in steps
+    ]
+    for notebook, _, parameters in jobs:
+        check_parameters(notebook, parameters)
+    for job in jobs:
+        execute(*job)
 
 
 def _parameters(study, step, workers, recompute):
@@ -123,7 +118,7 @@ def _parameters(study, step, workers, recompute):
     return parameters
 
 
-def check_parameters(notebook, parameters):
+def check_parameters(notebook: Path, parameters) -> None:
     """Refuse parameters that the notebook does not declare; papermill would only warn.
 
     Raises
@@ -143,7 +138,7 @@ def check_parameters(notebook, parameters):
             )
 
 
-def execute(notebook, output, parameters, progress_path):
+def execute(notebook: Path, output: Path, parameters) -> None:
     """Execute one notebook, showing its progress.
 
     Parameters
@@ -152,8 +147,6 @@ def execute(notebook, output, parameters, progress_path):
         The notebook and where its executed copy goes.
     parameters : dict
         Values for its cell tagged `parameters`.
-    progress_path : Path
-        Where long work inside the notebook tells how far it is.
 
     Raises
     ------
@@ -165,122 +158,72 @@ def execute(notebook, output, parameters, progress_path):
 
     check_parameters(notebook, parameters)
     output.parent.mkdir(parents=True, exist_ok=True)
-    progress_path.unlink(missing_ok=True)  # a killed run may have left one
-    papermill.engines.papermill_engines.register("rlihf", _engine())
-    with _Display(output.stem, progress_path) as display:
+    with _shown(output.stem):
         try:
             papermill.execute_notebook(
                 str(notebook),
                 str(output),
                 parameters=parameters,
-                engine_name="rlihf",
                 kernel_name="python3",
-                progress_bar=False,
-                display=display,
+                progress_bar={"desc": output.stem, "disable": not sys.stderr.isatty()},
                 # Kernels warn on every start that they talk over localhost.
                 extra_arguments=["--IPKernelApp.log_level=50"],
             )
         except papermill.PapermillExecutionError as error:
+            lines = [line for line in error.source.splitlines() if line.strip()]
             last_line = (error.evalue.strip().splitlines() or [""])[-1]
             raise NotebookError(
                 f"error in notebook {notebook.name}, cell In [{error.exec_count}], "
-                f"which begins `{_first_line(error.source)}`\n"
+                f"which begins `{lines[0] if lines else ''}`\n"
                 f"  {error.ename}: {last_line}\n"
                 f"  executed copy: {output}"
             ) from error
         except DeadKernelError as error:
             raise NotebookError(
-                f"the kernel of notebook {notebook.name} died in cell {display.n} of "
-                f"{display.total}; was it killed for want of memory?\n  executed copy: {output}"
+                f"the kernel of notebook {notebook.name} died; was it killed for want of memory?\n"
+                f"  executed copy, as far as it came: {output}"
             ) from error
 
 
-def _first_line(source):
-    lines = [line for line in source.splitlines() if line.strip()]
-    return lines[0] if lines else ""
+@contextmanager
+def _shown(title):
+    """Show how far long work in the kernel is: below the bar of cells, or as lines in a file."""
+    from tqdm import tqdm
 
+    terminal = sys.stderr.isatty()
+    left = threading.Event()
+    with (
+        tempfile.TemporaryDirectory(prefix="rlihf-") as folder,
+        tqdm(position=1, leave=False, bar_format="{desc}", disable=not terminal) as line,
+    ):
+        path = Path(folder) / "progress"
 
-def _engine():
-    """Papermill's usual engine, which also tells the display which cell is done."""
-    from papermill.engines import NBClientEngine
+        def say(text):
+            if terminal:
+                line.set_description_str(text)
+            else:
+                print(f"{title}: {text}", flush=True)
 
-    class Engine(NBClientEngine):
-        @classmethod
-        def execute_managed_notebook(cls, nb_man, kernel_name, display=None, **kwargs):
-            display.start(len(nb_man.nb.cells))
-            nb_man.pbar = display  # papermill calls its update() after each cell
-            return super().execute_managed_notebook(nb_man, kernel_name, **kwargs)
+        def watch():
+            shown = ""
+            # A terminal is refreshed every second, a file gets a line now and then.
+            while not left.wait(1 if terminal else 15):
+                text = progress.read(path)
+                if text != shown:
+                    say(text)
+                    shown = text
 
-    return Engine
-
-
-class _Display:
-    """A progress bar of a notebook's cells with the text of its long work; lines in a file."""
-
-    def __init__(self, title, progress_path):
-        self.title = title
-        self.progress_path = progress_path
-        self.n = self.total = 0
-        self.stop = threading.Event()
-        self.bar = None
-
-    def __enter__(self):
-        return self
-
-    def start(self, total):
-        from tqdm import tqdm
-
-        self.total = total
-        if sys.stderr.isatty():
-            self.bar = tqdm(
-                total=total,
-                desc=self.title,
-                bar_format="{desc} |{bar:20}| cell {n_fmt}/{total_fmt} {elapsed}{postfix}",
-            )
-        else:
-            self._line("started")
-        self.thread = threading.Thread(target=self._watch, daemon=True)
-        self.thread.start()
-
-    def __exit__(self, kind, *_):
-        self.stop.set()
-        if self.total:
-            self.thread.join()
-        if self.bar:
-            self.bar.set_postfix_str("")
-            self.bar.close()
-        elif self.total and kind is None:
-            self._line("finished")
-
-    # The part of tqdm that papermill uses: update, refresh, set_description, close, n.
-
-    def update(self, n):
-        self.n += n
-        if self.bar:
-            self.bar.update(n)
-
-    def refresh(self):
-        pass
-
-    def set_description(self, text):
-        pass
-
-    def close(self):
-        pass
-
-    def _watch(self):
-        shown = ""
-        # A terminal is refreshed every second, a file gets a line now and then.
-        while not self.stop.wait(1 if self.bar else 15):
-            text = progress.read(self.progress_path)
-            if self.bar:
-                self.bar.set_postfix_str(text)
-            elif text and text != shown:
-                self._line(text)
-                shown = text
-
-    def _line(self, text):
-        print(f"{self.title}: cell {self.n}/{self.total} {text}".rstrip(), flush=True)
+        watcher = threading.Thread(target=watch, daemon=True)
+        os.environ[progress.VARIABLE] = str(path)  # the kernel's, too
+        say("started")
+        watcher.start()
+        try:
+            yield
+            say("finished")
+        finally:
+            left.set()
+            watcher.join()
+            del os.environ[progress.VARIABLE]
 
 
 def _check_writable(study):

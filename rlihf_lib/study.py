@@ -1,5 +1,6 @@
 """What a study is: a profile (how much), an EEG source (whose brains) and a folder (where to)."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,12 @@ EVENTS = ("correct", "error")
 STAGES = ("sparse", "tuned", "dense", "rlihf", "controls", "ablation")
 #: What notebook 03 trains beside a condition.
 SUPPLEMENTS = {"sparse": "tuned", "rlihf": "controls"}
-#: Sparse reward with settings of its own: never giving up, and looking 5 s ahead. Found in pilots.
-TUNED = {"patience": RunConfig.horizon, "sac": SACSettings(discount=0.98)}
+
+# Measured on one core of a shared cloud machine; a study's own finished runs are used once there
+# are any.
+SECONDS_PER_STEP = 0.007
+SECONDS_PER_FOLD = 40
+N_PEOPLE = 12  # of both built-in sources
 
 
 class Study:
@@ -25,7 +30,7 @@ class Study:
 
     Parameters
     ----------
-    profile : {"smoke", "quick", "paper"}
+    profile : {"smoke", "quick", "paper", "pilots"}
         How much is computed.
     eeg : str or Path
         "simulated", "hri" (the paper's recordings), or a folder of epochs,
@@ -55,31 +60,16 @@ class Study:
         if profile not in PROFILES:
             raise ValueError(f"profile is {profile!r}; choose one of {', '.join(PROFILES)}")
         self.profile = PROFILES[profile]
-        self.eeg = str(eeg)
-        if self.eeg in EEG_SOURCES:
-            self.eeg_name = self.eeg
-        else:
-            folder = Path(self.eeg).expanduser()
-            if not folder.is_dir():
-                raise ValueError(
-                    f"eeg is {self.eeg!r}, neither {' nor '.join(EEG_SOURCES)} nor a folder; "
-                    "give one of these or a folder of sub-XX[_ses-YY]_epo.fif files"
-                )
-            self.eeg = str(folder.resolve())
-            self.eeg_name = Path(self.eeg).name
-            if self.eeg_name in EEG_SOURCES:
-                raise ValueError(
-                    f"the EEG folder {self.eeg} is named like a built-in source, "
-                    "so their results would mix; rename the folder"
-                )
-        self.events = tuple(events)
+        self.eeg = self.eeg_name = str(eeg)
+        self.events, self.drop_channels = tuple(events), tuple(drop_channels)
+        if self.eeg not in EEG_SOURCES:
+            self.eeg, self.eeg_name = _folder(self.eeg)
+        elif self.events != EVENTS:
+            raise ValueError(f"events can be named for a folder of epochs only, not for {self.eeg}")
+        elif self.drop_channels:
+            raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
         if len(set(self.events)) != 2:
             raise ValueError(f"events are {self.events}; give the names of two, correct and error")
-        if self.eeg in EEG_SOURCES and self.events != EVENTS:
-            raise ValueError(f"events can be named for a folder of epochs only, not for {self.eeg}")
-        self.drop_channels = tuple(drop_channels)
-        if self.eeg in EEG_SOURCES and self.drop_channels:
-            raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
         self.name = f"{profile}-{self.eeg_name}"
         self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name
@@ -90,20 +80,18 @@ class Study:
         self.notebooks = self.results / "notebooks"
 
     @property
-    def eeg_label(self):
+    def eeg_label(self) -> str:
         """Words for figures and tables: whose EEG this is."""
-        return {
-            "simulated": "simulated EEG",
-            "hri": "recorded EEG (ErrP-HRI)",
-        }.get(self.eeg_name, f"recorded EEG ({self.eeg_name})")
+        recorded = {"simulated": "simulated EEG", "hri": "recorded EEG (ErrP-HRI)"}
+        return recorded.get(self.eeg_name, f"recorded EEG ({self.eeg_name})")
 
-    def subjects(self):
+    def subjects(self) -> list[str]:
         """Return the subjects to decode: the first `n_subjects` of the source, in its order."""
         from rlihf_lib.eeg.recordings import source_subjects  # imports MNE, so only when asked
 
         return source_subjects(self.eeg)[: self.profile.n_subjects]
 
-    def p_error(self):
+    def p_error(self) -> pd.DataFrame:
         """Read the p(error) table of held-out epochs, the only thing policies know of the EEG.
 
         Returns
@@ -128,13 +116,8 @@ class Study:
             )
         return table
 
-    def scores(self):
-        """Read the scores of the decoders, a row per held-out subject.
-
-        Returns
-        -------
-        DataFrame
-            Columns subject, auroc, ...
+    def scores(self) -> pd.DataFrame:
+        """Read the scores of the decoders, a row per held-out subject: subject, auroc, ...
 
         Raises
         ------
@@ -145,22 +128,22 @@ class Study:
         """
         return _read_table(self.decoder / "scores.csv", ("subject", "auroc"))
 
-    def policy_subjects(self, ablation=False):
+    def ranked_subjects(self) -> list[str]:
+        """List the decoded subjects by the AUROC of their held-out epochs, weakest first."""
+        return self.scores().sort_values(["auroc", "subject"])["subject"].tolist()
+
+    def median_subject(self) -> str:
+        """Return the person whose decoder is the median one, the lower of two."""
+        ranked = self.ranked_subjects()
+        return ranked[(len(ranked) - 1) // 2]
+
+    def policy_subjects(self, ablation=False) -> list[str]:
         """Choose the subjects for whom policies are trained, before any policy is seen.
 
-        The decoded subjects are sorted by the AUROC of their held-out epochs and
-        `n_policy_subjects` are taken at equal distances of rank: with three, the weakest, the
-        median and the strongest decoder; with one, the median.
-
-        Parameters
-        ----------
-        ablation : bool
-            Choose the `n_ablation_subjects` of the ablation instead.
-
-        Returns
-        -------
-        list of str
-            In the order of the table of scores.
+        Of the decoded subjects, sorted by the AUROC of their held-out epochs, `n_policy_subjects`
+        (for the ablation `n_ablation_subjects`) at equal distances of rank: with three, the
+        weakest, the median and the strongest decoder; with one, the median. In the order of the
+        table of scores.
         """
         ranked, profile = self.ranked_subjects(), self.profile
         wanted = profile.n_ablation_subjects if ablation else profile.n_policy_subjects
@@ -169,46 +152,14 @@ class Study:
         chosen = {ranked[int(r)] for r in ranks} if count > 1 else {self.median_subject()}
         return [subject for subject in self.scores()["subject"] if subject in chosen]
 
-    def ranked_subjects(self):
-        """List the decoded subjects by the AUROC of their held-out epochs, weakest first."""
-        return self.scores().sort_values(["auroc", "subject"])["subject"].tolist()
-
-    def feedback(self):
+    def feedback(self) -> pd.DataFrame:
         """Return all p(error) tables that a run may name: the people's, an ideal decoder's, and
         those of the person with the median decoder with what they say taken out; see
         `observer.with_controls`.
         """
         return with_controls(self.p_error(), self.median_subject())
 
-    def feedback_of(self, subjects):
-        """Return the fields of a `RunConfig` that name whose feedback it draws on.
-
-        Parameters
-        ----------
-        subjects : iterable of str
-            Of `feedback`.
-
-        Returns
-        -------
-        dict of str to dict
-            eeg, subject and p_error_sha256, by subject.
-        """
-        table = self.feedback()
-        return {
-            subject: {
-                "eeg": self.eeg_name,
-                "subject": subject,
-                "p_error_sha256": p_error_sha256(table, subject),
-            }
-            for subject in subjects
-        }
-
-    def median_subject(self):
-        """Return the person whose decoder is the median one, the lower of two."""
-        ranked = self.ranked_subjects()
-        return ranked[(len(ranked) - 1) // 2]
-
-    def run_configs(self, stage):
+    def run_configs(self, stage) -> list[RunConfig]:
         """List the runs of a stage.
 
         Parameters
@@ -217,10 +168,6 @@ class Study:
             A condition of the main comparison; sparse reward with settings of its own; the main
             weight with an ideal decoder and with feedback that says nothing; every weight of the
             ablation. The ablation's runs at the main weight are the main comparison's.
-
-        Returns
-        -------
-        list of RunConfig
 
         Raises
         ------
@@ -233,35 +180,103 @@ class Study:
         if stage in ("sparse", "dense"):
             return [self._config(stage, seed) for seed in profile.seeds]
         if stage == "tuned":
-            return [self._config("sparse", seed, **TUNED) for seed in profile.supplementary_seeds]
+            # Never giving up, and looking further ahead.
+            return [
+                self._config("sparse", seed, patience=RunConfig.horizon, sac=settings)
+                for settings in [SACSettings(discount=d) for d in profile.tuned_discounts]
+                for seed in profile.supplementary_seeds
+            ]
         if stage not in STAGES:
             raise ValueError(f"stage is {stage!r}; choose one of {', '.join(STAGES)}")
-        weights, seeds = (profile.w_hf,), dict.fromkeys(self.policy_subjects(), profile.seeds)
+        weights = profile.weights if stage == "ablation" else (profile.w_hf,)
+        seeds = dict.fromkeys(self.policy_subjects(), profile.seeds)
         if stage == "ablation":
-            weights = profile.weights
             seeds = dict.fromkeys(self.policy_subjects(ablation=True), profile.ablation_seeds)
         elif stage == "controls":
             median = self.median_subject()
             nothing = dict.fromkeys((f"{median}-mean", f"{median}-shuffled"), profile.control_seeds)
             seeds = {"ideal": profile.supplementary_seeds, **nothing}
-        feedback = self.feedback_of(seeds)
+        table = self.feedback()
+        sources = {
+            subject: {
+                "eeg": self.eeg_name,
+                "subject": subject,
+                "p_error_sha256": p_error_sha256(table, subject),
+            }
+            for subject in seeds
+        }
         return [
-            self._config("rlihf", seed, w_hf=w_hf, **feedback[subject])
+            self._config("rlihf", seed, w_hf=w_hf, **sources[subject])
             for w_hf in weights
             for subject in seeds
             for seed in seeds[subject]
         ]
 
     def _config(self, condition, seed, **changes):
-        profile = self.profile
-        changes = {
-            "total_steps": profile.total_steps,
-            "eval_every": profile.eval_every,
-            "horizon": profile.horizon,
-            "eval_rollouts": profile.eval_rollouts,
-            **changes,
+        sizes = {
+            name: getattr(self.profile, name)
+            for name in ("total_steps", "eval_every", "horizon", "eval_rollouts")
         }
-        return RunConfig(condition=condition, seed=seed, **changes)
+        return RunConfig(condition=condition, seed=seed, **sizes | changes)
+
+    def status(self, workers=0) -> pd.DataFrame:
+        """Say how far the study is and how long the rest takes on `workers` processes (0 = cores).
+
+        Returns
+        -------
+        DataFrame
+            A row per long stage: done, missing (folds, then runs) and seconds.
+        """
+        from rlihf_lib.rl.sweep import is_done, n_cores  # imports Dask, so only when asked
+
+        folds = len(list((self.decoder / "folds").glob("*/")))
+        if (self.decoder / "p_error.csv").is_file():
+            folds, missing = self.p_error()["subject"].nunique(), 0
+        else:
+            missing = max((self.profile.n_subjects or N_PEOPLE) - folds, 1)
+        rows = [("02_loso_decoder", folds, missing, missing * SECONDS_PER_FOLD)]
+        per_run = self._seconds_per_step() * self.profile.total_steps
+        counted: set[RunConfig] = set()
+        for stage in STAGES:
+            title = "05_whf_ablation" if stage == "ablation" else f"03_policy_training {stage}"
+            try:
+                configs = self.run_configs(stage)
+            except FileNotFoundError:  # the decoder says later who the policy subjects are
+                done, missing = 0, self.profile.n_runs(stage, N_PEOPLE)
+                new = missing - (stage == "ablation") * missing // len(self.profile.weights)
+            else:
+                left = [config for config in configs if not is_done(config, self.runs)]
+                done, missing, new = len(configs) - len(left), len(left), len({*left} - counted)
+                counted.update(left)
+            seconds = new * per_run / max(1, min(workers or n_cores(), new))
+            rows.append((title, done, missing, seconds))
+        return pd.DataFrame(rows, columns=["stage", "done", "missing", "seconds"])
+
+    def _seconds_per_step(self):
+        """Mean over the study's finished runs; a default before there are any."""
+        seconds, steps = 0.0, 0
+        for path in self.runs.glob("*/provenance.json"):
+            config = json.loads(path.with_name("config.json").read_text(encoding="utf-8"))
+            seconds += json.loads(path.read_text(encoding="utf-8"))["wall_seconds"]
+            steps += config["total_steps"]
+        return seconds / steps if steps else SECONDS_PER_STEP
+
+
+def _folder(eeg):
+    """Full path and name of a folder of epochs."""
+    folder = Path(eeg).expanduser()
+    if not folder.is_dir():
+        raise ValueError(
+            f"eeg is {eeg!r}, neither {' nor '.join(EEG_SOURCES)} nor a folder; "
+            "give one of these or a folder of sub-XX[_ses-YY]_epo.fif files"
+        )
+    folder = folder.resolve()
+    if folder.name in EEG_SOURCES:
+        raise ValueError(
+            f"the EEG folder {folder} is named like a built-in source, so their results would mix; "
+            "rename the folder"
+        )
+    return str(folder), folder.name
 
 
 def _read_table(path, columns):

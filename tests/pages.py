@@ -1,0 +1,235 @@
+"""What is computed in README.md, results/README.md and figures/README.md.
+
+`python -m tests.pages` writes it anew, between `<!-- name -->` and `<!-- end -->`.
+"""
+
+import json
+import re
+from itertools import groupby
+
+import pandas as pd
+
+from rlihf_lib.files import write_text
+from rlihf_lib.study import REPOSITORY, Study
+
+PAGES = ("README.md", "results/README.md", "figures/README.md")
+#: What each figure shows, in the order of the gallery; also the alternative text of the pictures.
+CAPTIONS = {
+    "fig2_overview": "From an error potential to a policy: EEG, decoder, reward, robot (Fig. 2)",
+    "fig3_task": "The task: Kinova Gen2, red can, four obstacles, goal (Fig. 3)",
+    "fig4_return_by_subject": "Evaluation return of sparse, dense and RLIHF for each person, and "
+    "the mean over people (Fig. 4)",
+    "fig5_decoder_accuracy": "Accuracy of each person's decoder, on validation people and on the "
+    "held-out person (Fig. 5)",
+    "fig6_whf": "Evaluation return for three weights of human feedback (Fig. 6)",
+    "fig1_time_clearance": "Time and clearance of late successes, by weight: what feedback buys "
+    "(Fig. 1, as data)",
+    "eeg_trial_counts": "Correct and error epochs of each person",
+    "eeg_difference_waves": "Error-minus-correct wave at Cz, of each person and their mean",
+    "eeg_topographies": "Where on the head the difference shows, and when",
+    "eeg_spectra": "Power spectra of EEG and EOG channels",
+    "decoder_scores": "AUROC and balanced accuracy of each held-out person, with chance levels",
+    "decoder_reliability": "Is p(error) what it says? Reliability of each person's decoder",
+    "decoder_channels": "AUROC with EEG, EEG and EOG, and EOG alone",
+    "decoder_patterns": "What one network's filters follow: spectra and patterns after Haufe",
+    "online_update": "Adapting to the held-out person online: AUROC and accuracy by events seen",
+    "training_sparse": "How sparse reward learns, run by run",
+    "training_dense": "How dense reward learns, run by run",
+    "training_rlihf": "How RLIHF learns, run by run",
+    "learner_sparse": "Inside one learner, sparse reward: losses, entropy coefficient, Q-values",
+    "learner_dense": "Inside one learner, dense reward: losses, entropy coefficient, Q-values",
+    "learner_rlihf": "Inside one learner, RLIHF: the same, and the share of steps judged wrong",
+    "film_sparse": "Eight seconds of a policy trained with sparse reward",
+    "film_dense": "Eight seconds of a policy trained with dense reward",
+    "film_rlihf": "Eight seconds of a policy trained with human feedback",
+    "success_efficiency_deviation": "Success, path efficiency and path deviation during training",
+    "comparison": "Performance profiles of late success, and probability of improvement",
+    "supplementary": "The same for tuned sparse reward and for the three controls of feedback",
+    "safety": "Collisions and clearance during training",
+    "paths": "Paths of trained policies round the obstacles, from above",
+    "decoder_vs_policy": "Late success against the AUROC of the person's decoder",
+    "whf_success": "Success rate for three weights of human feedback",
+}
+
+
+def results(study: Study) -> str:
+    """Figures and tables of the paper beside ours, with the notebook that makes each."""
+    late = _table(study, "late").pivot(index="group", columns="metric", values="mean")
+    people = _table(study, "subjects").sort_values("auroc")
+    scores = study.scores()
+    weights = _table(study, "whf_late").query("group == 'rlihf' and metric == 'success'")
+    success = late["success"]
+    n_people, n_seeds = len(people), len(study.profile.seeds)
+    by_weight = ", ".join(f"{row.mean:.2f} with {row.w_hf:g}" for row in weights.itertuples())
+    accuracy = scores["accuracy_online"]
+    rows = [
+        ("Fig. 3", "the task", "the same robot, can, obstacles and goal", "fig3_task", "03"),
+        (
+            "Fig. 4",
+            "sparse fails, RLIHF comes close to dense",
+            f"late return {late['return']['sparse']:.0f} (sparse), {late['return']['dense']:.0f} "
+            f"(dense), {late['return']['rlihf']:.0f} (RLIHF)",
+            "fig4_return_by_subject",
+            "04",
+        ),
+        (
+            "Table I",
+            "late success .00 (sparse), .54 (dense), .39 (RLIHF)",
+            f"{success['sparse']:.2f}, {success['dense']:.2f}, {success['rlihf']:.2f}; from "
+            f"{people['success'].min():.2f} to {people['success'].max():.2f} by person",
+            "table1_phases",
+            "04",
+        ),
+        (
+            "Fig. 5",
+            "decoders are right in 70 to 90 %",
+            f"{accuracy.mean():.0%} of held-out epochs, {accuracy.min():.0%} to "
+            f"{accuracy.max():.0%} by person",
+            "fig5_decoder_accuracy",
+            "02",
+        ),
+        ("Fig. 6", "weight 0.7 learns fastest", f"late success {by_weight}", "fig6_whf", "05"),
+    ]
+    lines = [
+        f"With {study.eeg_label}, {n_people} people, {n_seeds} seeds, "
+        f"{study.profile.total_steps:,} steps:",
+        "",
+        "| | paper | ours | notebook |",
+        "|---|---|---|---|",
+    ]
+    for name, published, ours, file, number in rows:
+        folder, suffix = ("results", ".md") if name == "Table I" else ("figures", ".png")
+        where = f"{folder}/{study.name}/{'tables/' if folder == 'results' else ''}{file}{suffix}"
+        notebook = next((REPOSITORY / "notebooks").glob(f"{number}_*.ipynb")).name
+        lines.append(
+            f"| [{name}]({where}) | {published} | {ours} | [{number}](notebooks/{notebook}) |"
+        )
+    return "\n".join(lines)
+
+
+def decoding(study: Study) -> str:
+    """The EEG half in numbers beside the published ones, mean ± sample standard deviation."""
+    scores, lda = study.scores(), pd.read_csv(study.decoder / "lda.csv")
+    against = _table(study, "decoder_against_published")
+    against = against[against["subject"].isin(scores["subject"])]  # without mean, SD, ...
+    wave = _table(study, "waves_against_published").set_index("measure")
+
+    def spread(values, digits=2):
+        return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
+
+    rows = [
+        ("AUROC, leave-one-subject-out", spread(scores["auroc"]),
+         spread(against["auroc_published"])),
+        ("largest difference of a person's AUROC from the published",
+         f"{(against['auroc'] - against['auroc_published']).abs().max():.3f}", ""),
+        ("balanced accuracy", spread(scores["balanced_accuracy"]),
+         spread(against["balanced_accuracy_published"])),
+        ("calibration error, temperature-scaled (raw)",
+         f"{scores['ece'].mean():.2f} ({scores['ece_raw'].mean():.2f})", ""),
+        ("AUROC of shrinkage LDA, channels scaled (whitened)",
+         f"{lda['auroc_lda'].mean():.3f} ({lda['auroc_whitened_lda'].mean():.3f})",
+         "xDAWN + Riemann: .869"),
+    ]  # fmt: skip
+    rows += [(row.Index, f"{row.simulated:.3f}", f"{row.published:g}") for row in wave.itertuples()]
+    return _markdown(("", study.eeg_label, "published"), rows)
+
+
+def feedback(study: Study) -> str:
+    """What human feedback adds to dense reward, and with whom it is worth following."""
+    from rlihf_lib.rl.incentives import explained_sentence
+
+    explained = _table(study, "explained_by_dense_rlihf").set_index("robot")
+    margins = _table(study, "margins").query("observer == 'path'")
+    told = " and ".join(
+        f"{row.margin:.2f} [{row.low:.2f}, {row.high:.2f}] with {row.subject}"
+        for row in margins.itertuples()
+    )
+    sentences = [explained_sentence(name, explained[name]) for name in explained]
+    return " ".join(
+        [
+            *sentences,
+            "The expert's expected discounted return exceeds that of the best robot that only "
+            f"wants to look right by {told}, in standard deviations of a return's noise.",
+        ]
+    )
+
+
+def pilots(study: Study) -> str:
+    """Each group of pilots after the paper's number of steps."""
+    table = pd.read_csv(REPOSITORY / "results/pilots-simulated/summary.csv", keep_default_na=False)
+    table = table.groupby(["group", "subject"], sort=False).agg(
+        runs=("run", "size"),
+        **{name: (name, "mean") for name in ("success", "completed", "collisions")},
+    )
+    rows = [
+        (group, subject, row.runs, *(f"{value:.2f}" for value in row[1:]))
+        for (group, subject), row in zip(table.index, table.itertuples(index=False), strict=True)
+    ]
+    return _markdown(("condition", "person", "runs", *table.columns[1:]), rows)
+
+
+def gallery(study: Study) -> str:
+    """Every shipped figure of every study: what it shows, its notebook and its sources."""
+    lines = []
+    for manifest in sorted((REPOSITORY / "figures").glob("[!s]*/manifest.json")):
+        entries = json.loads(manifest.read_text(encoding="utf-8"))
+        folder = manifest.parent.name
+        lines += [f"## {folder}", ""]
+        known = [name for name in CAPTIONS if name in entries]
+        for name in known + sorted(set(entries) - set(known)):
+            entry, words = entries[name], CAPTIONS.get(name, name)
+            suffix = "gif" if name.startswith("film") else "png"
+            lines += [
+                f"![{words}]({folder}/{name}.{suffix})",
+                "",
+                f"**{words}.** [`{entry['notebook']}`](../notebooks/{entry['notebook']}.ipynb); "
+                f"{_sources(entry['sources'])}.",
+                "",
+            ]
+    return "\n".join(lines).rstrip()
+
+
+def _sources(sources):
+    """Say in short what a figure was drawn from."""
+    if not sources:
+        return "drawn from the model of the task"
+    folders = sorted(name.rpartition("/")[0] if "/runs/" in name else name for name in sources)
+    told = []
+    for is_run, names in groupby(folders, key=lambda name: "/runs/" in name):
+        names = list(names)
+        told.append(f"{len(names)} runs" if is_run else ", ".join(f"`{name}`" for name in names))
+    return "drawn from " + ", ".join(told)
+
+
+def _table(study, name):
+    return pd.read_csv(study.tables / f"{name}.csv", keep_default_na=False, na_values=[""])
+
+
+def _markdown(header, rows):
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+PARTS = {part.__name__: part for part in (results, decoding, feedback, pilots, gallery)}
+
+
+def filled(text: str, study: Study) -> str:
+    """Return a page with its computed parts written anew.
+
+    Raises
+    ------
+    KeyError
+        If a part is unknown.
+    """
+    return re.sub(
+        r"(<!-- (\w+) -->\n).*?(<!-- end -->)",
+        lambda match: f"{match[1]}{PARTS[match[2]](study)}\n{match[3]}",
+        text,
+        flags=re.DOTALL,
+    )
+
+
+if __name__ == "__main__":
+    for page in PAGES:
+        path = REPOSITORY / page
+        write_text(path, filled(path.read_text(encoding="utf-8"), Study()))
