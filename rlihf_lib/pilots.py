@@ -15,8 +15,9 @@ from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
 from rlihf_lib.report.figures_policy import learning_curve, mark_phases
 from rlihf_lib.report.style import PAGE_WIDTH, color, label, note, save_figure, shades, use_style
-from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.sweep import is_done, run_sweep
+from rlihf_lib.rl.feedback import IDEAL
+from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done
+from rlihf_lib.rl.sweep import run_sweep
 from rlihf_lib.study import Study
 
 SEEDS = (100, 101, 102)
@@ -25,7 +26,6 @@ STEPS, EVAL_EVERY = 150_000, 10_000
 # the latter and looks 5 or 10 s ahead.
 SPARSE_DISCOUNTS = (0.98, 0.99)
 TUNED_GROUPS = tuple(f"sparse-patience1000-discount{d:g}" for d in SPARSE_DISCOUNTS)
-IDEAL = "ideal"
 COLUMNS = ("success", "completed", "path_efficiency", "path_deviation", "collisions")
 
 

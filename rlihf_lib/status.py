@@ -2,7 +2,10 @@
 
 import json
 
+from dask.system import CPU_COUNT
+
 from rlihf_lib import progress
+from rlihf_lib.rl.runs import is_done
 
 # Measured on 2 cores of a shared cloud machine with one thread per process; measured times of
 # this study's own runs are used as soon as there are any.
@@ -26,9 +29,7 @@ def status(study, workers=0):
     list of dict
         Keys stage, done, missing (counts), what (unit) and seconds (estimate for the missing).
     """
-    from rlihf_lib.rl.sweep import n_cores  # imports Dask, so only when asked
-
-    workers = workers or n_cores()
+    workers = workers or CPU_COUNT
     rows = []
     figures = _manifest(study)
     rows.append(_drawing(study, figures, "01_dataset_preprocessing"))
@@ -90,8 +91,6 @@ def _decoder_status(study):
 
 def _runs_status(study, stage, title, workers, counted):
     """Count runs; those that an earlier stage counted as missing take no time a second time."""
-    from rlihf_lib.rl.sweep import is_done
-
     profile = study.profile
     try:
         configs = study.run_configs(stage)

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from rlihf_lib.profiles import PROFILES
-from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.observer import p_error_sha256, with_controls
+from rlihf_lib.rl.feedback import IDEAL, controls_of, p_error_sha256, with_controls
+from rlihf_lib.rl.runs import RunConfig, SACSettings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")
@@ -176,7 +176,7 @@ class Study:
     def feedback(self):
         """Return all p(error) tables that a run may name: the people's, an ideal decoder's, and
         those of the person with the median decoder with what they say taken out; see
-        `observer.with_controls`.
+        `rl.feedback.with_controls`.
         """
         return with_controls(self.p_error(), self.median_subject())
 
@@ -241,9 +241,8 @@ class Study:
             weights = profile.weights
             seeds = dict.fromkeys(self.policy_subjects(ablation=True), profile.ablation_seeds)
         elif stage == "controls":
-            median = self.median_subject()
-            nothing = dict.fromkeys((f"{median}-mean", f"{median}-shuffled"), profile.control_seeds)
-            seeds = {"ideal": profile.supplementary_seeds, **nothing}
+            nothing = dict.fromkeys(controls_of(self.median_subject()), profile.control_seeds)
+            seeds = {IDEAL: profile.supplementary_seeds, **nothing}
         feedback = self.feedback_of(seeds)
         return [
             self._config("rlihf", seed, w_hf=w_hf, **feedback[subject])

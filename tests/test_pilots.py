@@ -7,7 +7,7 @@ import pytest
 
 from rlihf_lib import pilots
 from rlihf_lib.report.evaluations import group_of, read_runs
-from rlihf_lib.rl.sweep import is_done
+from rlihf_lib.rl.runs import is_done
 from rlihf_lib.study import PROFILES, TUNED, Study
 
 STUDY = Study("quick")

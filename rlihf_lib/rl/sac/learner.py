@@ -1,6 +1,7 @@
 """The learner: Stable-Baselines3's SAC with `train` written out; see `rlihf_lib.rl.sac`."""
 
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,6 +12,8 @@ from rlihf_lib.rl.sac.adam import FlatAdam, flatten
 from rlihf_lib.rl.sac.batch import Batch
 from rlihf_lib.rl.sac.networks import StackedPolicy
 from rlihf_lib.rl.sac.passes import ActorPass, CriticBuffers, CriticPass
+
+BUFFER_SIZE = 200_000  # transitions: all that a run makes
 
 
 class FastSAC(SAC):
@@ -32,9 +35,16 @@ class FastSAC(SAC):
         critics' mean squared errors, as in SB3; ent_coef, alpha; mean_q, their mean value.
     """
 
-    def __init__(self, *args, critic_noise=(0.0, 0.0), log_every=1_000, **kwargs):
+    # SB3 makes all of these before `train`, and declares them more widely.
+    actor: Any
+    critic: Any
+    log_ent_coef: Any
+    ent_coef_optimizer: Any
+    target_entropy: Any
+
+    def __init__(self, *args, critic_noise=(0.0, 0.0), log_every: int = 1_000, **kwargs):
         self.critic_noise, self.log_every = critic_noise, log_every
-        self.learning = []
+        self.learning: list[dict] = []
         super().__init__(*args, **kwargs)
 
     def _setup_model(self):
@@ -52,24 +62,27 @@ class FastSAC(SAC):
         return [*super()._excluded_save_params(), *buffers]
 
     @torch.no_grad()
-    def train(self, gradient_steps, batch_size=64):
+    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Update critics, actor and entropy coefficient `gradient_steps` times (Haarnoja 2018)."""
         if self._batch is None or self._batch.size != batch_size:
-            batch = self._batch = Batch(self.policy, batch_size, self.critic_noise)
-            buffers = CriticBuffers(self.critic, batch_size)
-
-            def passes(critic, x):
-                return [CriticPass(critic, i, x, buffers) for i in range(len(critic.weights[0]))]
-
-            self._passes = (
-                ActorPass(self.actor, batch.states, batch_size),
-                passes(self.critic_target, batch.later),
-                passes(self.critic, batch.taken),
-                passes(self.critic, batch.now),
-            )
+            self._make_passes(batch_size)
         for _ in range(gradient_steps):
             self._update(self._batch, *self._passes)
         self._n_updates += gradient_steps
+
+    def _make_passes(self, batch_size):
+        batch = self._batch = Batch(self.policy, batch_size, self.critic_noise)
+        buffers = CriticBuffers(self.critic, batch_size)
+
+        def passes(critic, x):
+            return [CriticPass(critic, i, x, buffers) for i in range(len(critic.weights[0]))]
+
+        self._passes = (
+            ActorPass(self.actor, batch.states, batch_size),
+            passes(self.critic_target, batch.later),
+            passes(self.critic, batch.taken),
+            passes(self.critic, batch.now),
+        )
 
     def _update(self, batch, policy, later, taken, now):
         batch.draw(self.replay_buffer, self.n_steps, self.gamma)
@@ -113,24 +126,13 @@ class FastSAC(SAC):
         self._flat_target.lerp_(self._flat_critic, self.tau)
 
 
-def make_sac(env, settings, seed, log_every=1_000):
-    """Build the learner.
-
-    Parameters
-    ----------
-    env : gymnasium.Env
-    settings : rlihf_lib.rl.config.SACSettings
-    seed, log_every : int
-
-    Returns
-    -------
-    FastSAC
-    """
+def make_sac(env, settings, seed: int, log_every: int = 1_000) -> FastSAC:
+    """Build the learner for an environment, from `rlihf_lib.rl.runs.SACSettings`."""
     model = FastSAC(
         StackedPolicy,
         env,
         learning_rate=settings.learning_rate,
-        buffer_size=200_000,
+        buffer_size=BUFFER_SIZE,
         learning_starts=settings.learning_starts,
         batch_size=settings.batch_size,
         tau=settings.tau,

@@ -28,12 +28,12 @@ class Given:
     """Of its source and of what it refers to."""
     function: Callable = field(compare=False, repr=False)
 
-    def __call__(self, moment):
+    def __call__(self, moment) -> float:
         """Call the function."""
         return self.function(moment)
 
 
-def given(function):
+def given(function: Callable) -> Given:
     """Identify a function by name and source.
 
     Parameters
@@ -41,10 +41,6 @@ def given(function):
     function : callable
         Defined with `def` or `lambda`, in a file or a notebook cell. What it refers to may be
         numbers, strings, tuples, modules, installed code or such functions again.
-
-    Returns
-    -------
-    Given
 
     Raises
     ------
@@ -59,7 +55,7 @@ def _parts(function, name, seen):
     """List the source of a function and of what it refers to."""
     seen.add(function)
     try:
-        parts = [textwrap.dedent(inspect.getsource(function))]
+        parts: list = [textwrap.dedent(inspect.getsource(function))]
         referred = inspect.getclosurevars(function)
     except (OSError, TypeError) as error:
         raise ValueError(
