@@ -27,21 +27,12 @@ Act = Callable[[Any], np.ndarray]
 
 
 def rollout(env: gym.Env, act: Act, seed: int) -> Iterator[tuple]:
-    """Run one episode, step by step.
-
-    Parameters
-    ----------
-    env : PickPlaceEnv
-        Or a wrapper round one.
-    act : callable
-        Gets the unwrapped environment.
-    seed : int
-        Of the placement.
+    """Run one episode from the placement of a seed.
 
     Yields
     ------
     tuple
-        What `env.step` returns: observation, reward, terminated, truncated, info.
+        Per step what `env.step` returns: observation, reward, terminated, truncated, info.
     """
     env.reset(seed=seed)
     over = False
@@ -83,16 +74,11 @@ def watch(env: gym.Env, act: Act, seed: int, steps: int) -> tuple[list[Moment], 
 class Recording:
     """One rollout: states before the first step and after each, n in all."""
 
-    hand: np.ndarray
-    """Positions of the hand, metres, shape (n, 3)."""
-    can: np.ndarray
-    """Positions of the can's centre, metres, shape (n, 3)."""
-    qpos: np.ndarray
-    """Generalised positions of the simulation, shape (n, nq), for `task.rendering.film`."""
-    seed: int
-    """Of the placement."""
-    success: bool
-    """Whether the can was placed."""
+    hand: np.ndarray  # positions, metres, shape (n, 3)
+    can: np.ndarray  # positions of its centre, metres, shape (n, 3)
+    qpos: np.ndarray  # generalised positions, shape (n, nq), for `task.rendering.film`
+    seed: int  # of the placement
+    success: bool  # whether the can was placed
 
 
 def record(env: PickPlaceEnv, act: Act, seed: int) -> Recording:
@@ -118,14 +104,7 @@ def policy_of(model: SAC) -> Act:
 
 
 def load_policy(folder: str | Path, env: PickPlaceEnv) -> Act:
-    """Return the deterministic policy of a finished run.
-
-    Parameters
-    ----------
-    folder : Path
-        Run folder with config.json and actor.safetensors.
-    env : PickPlaceEnv
-        Whose observations and actions it is for.
+    """Return the deterministic policy of a finished run, by its folder.
 
     Raises
     ------

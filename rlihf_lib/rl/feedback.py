@@ -1,20 +1,15 @@
 """The p(error) table: all that policies know of anybody's EEG. Its rows, its hash, its controls.
 
 Columns subject, epoch, label (1 = error) and p_error, in [0, 1], of decoded held-out epochs. A
-control is a subject of its own: "ideal", whose p(error) is the label; "<person>-mean" and
-"<person>-shuffled", a person's table with what it says taken out.
+control is a subject of its own: "ideal", whose p(error) is the label; "<person>-mean", every
+p(error) replaced by the person's mean; "<person>-shuffled", p(error) permuted over the epochs, so
+that both classes answer alike.
 """
-
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from rlihf_lib.files import sha256
-
-if TYPE_CHECKING:
-    from rlihf_lib.rl.runs import RunConfig
 
 IDEAL, MEAN, SHUFFLED = CONTROLS = ("ideal", "mean", "shuffled")
 
@@ -31,31 +26,13 @@ def controls_of(person: str) -> tuple[str, str]:
 
 
 def with_controls(p_error: pd.DataFrame, person: str) -> pd.DataFrame:
-    """Add an ideal decoder's rows, and a person's without what they say.
-
-    Parameters
-    ----------
-    p_error : DataFrame
-        Of decoded people.
-    person : str
-        One of them.
-
-    Returns
-    -------
-    DataFrame
-        `p_error` with further subjects: "ideal"; "<person>-mean", every p(error) replaced by the
-        person's mean; "<person>-shuffled", p(error) permuted over the epochs, alike every time, so
-        that both classes answer alike.
-    """
+    """Add the ideal decoder's rows to those of decoded people, and one person's controls."""
     rows = rows_of(p_error, person)
     shuffled = np.random.default_rng(0).permutation(rows["p_error"].to_numpy())
-    mean_subject, shuffled_subject = controls_of(person)
-    controls = (
-        perfect_table().assign(subject=IDEAL),
-        rows.assign(p_error=rows["p_error"].mean(), subject=mean_subject),
-        rows.assign(p_error=shuffled, subject=shuffled_subject),
-    )
-    return pd.concat([p_error, *controls], ignore_index=True)
+    silent = zip(controls_of(person), (rows["p_error"].mean(), shuffled), strict=True)
+    tables = [rows.assign(subject=subject, p_error=p) for subject, p in silent]
+    ideal = perfect_table().assign(subject=IDEAL)
+    return pd.concat([p_error, ideal, *tables], ignore_index=True)
 
 
 def perfect_table() -> pd.DataFrame:
@@ -92,8 +69,8 @@ def p_error_sha256(p_error: pd.DataFrame | None, subject: str) -> str:
     return sha256(rows.to_csv(index=False, lineterminator="\n"))
 
 
-def check_feedback(configs: Iterable["RunConfig"], p_error: pd.DataFrame | None) -> None:
-    """Check that the table holds the very rows that the configs name.
+def check_feedback(configs, p_error: pd.DataFrame | None) -> None:
+    """Check that the table holds the very rows that the `RunConfig`s name.
 
     Raises
     ------

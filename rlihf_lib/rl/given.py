@@ -34,13 +34,10 @@ class Given:
 
 
 def given(function: Callable) -> Given:
-    """Identify a function by name and source.
+    """Identify a function by name and source, defined in a file or a notebook cell.
 
-    Parameters
-    ----------
-    function : callable
-        Defined with `def` or `lambda`, in a file or a notebook cell. What it refers to may be
-        numbers, strings, tuples, modules, installed code or such functions again.
+    What it refers to may be numbers, strings, tuples, modules, installed code or such functions
+    again.
 
     Raises
     ------

@@ -26,13 +26,7 @@ FULL_SPEED = PROGRESS * SURE_PROGRESS  # dense reward of the progress that surel
 
 
 def play(env: PickPlaceEnv, seeds: Iterable[int]) -> dict[tuple[str, int], tuple]:
-    """Watch the expert and every exploiter, once per placement.
-
-    Returns
-    -------
-    dict
-        (robot, seed) -> what `watch` returns: moments, and whether the episode terminated.
-    """
+    """Watch the expert and every exploiter: what `watch` returns, by robot and seed."""
     robots = {act.__name__.removesuffix("_action"): act for act in (expert_action, *EXPLOITERS)}
     return {
         (name, seed): watch(env, act, seed, HORIZON)
@@ -46,13 +40,7 @@ def expected_feedback(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Expected reward 1 - p(error) of each moment, and its standard deviation, shape (n,) each.
 
-    Parameters
-    ----------
-    moments : sequence of Moment
-    observer : callable
-        `moment -> P(wrong)`.
-    p_error : DataFrame
-        The subject's rows, columns label and p_error.
+    `p_error` are the subject's rows (`rlihf_lib.rl.feedback`).
     """
     wrong = np.array([observer(moment) for moment in moments])
     by_class = p_error.groupby("label")["p_error"]
@@ -65,20 +53,10 @@ def expected_feedback(
 def discounted_returns(
     rewards: Iterable[float], terminated: bool, discount: float, horizon: int = HORIZON
 ) -> np.ndarray:
-    """Discounted return from every step on; what ends an episode goes on for ever.
+    """Discounted return from every step on, (horizon,); what ends an episode goes on for ever.
 
-    Parameters
-    ----------
-    rewards : sequence of float
-        The last one of a terminated episode is paid for all that follows.
-    terminated : bool
-    discount : float
-    horizon : int
-        Steps in all; those after the end have the return of the end.
-
-    Returns
-    -------
-    ndarray, shape (horizon,)
+    The last reward of a terminated episode is paid for all that follows. Steps after the end have
+    the return of the end.
     """
     rewards = list(rewards)
     later = rewards.pop() if terminated else np.mean(rewards[-STEADY:]) / (1 - discount)
@@ -92,14 +70,13 @@ def discounted_returns(
 def expected_returns(
     played: dict, observer: Callable, p_error: pd.DataFrame, w_hf: float, discount: float
 ) -> pd.DataFrame:
-    """Judge robots by the feedback that one subject's rows `p_error` give, with weight `w_hf`.
+    """Judge the robots of `play` by the feedback that one subject's rows give.
 
     Returns
     -------
     DataFrame
-        A row per robot and placement of `play`: robot, seed, from_start (expected discounted return
-        from the first step), average (from every step, averaged), noise (SD of a single step's
-        reward).
+        A row per robot and placement: robot, seed, from_start (expected discounted return from the
+        first step), average (from every step, averaged), noise (SD of a single step's reward).
     """
     rows = []
     for (robot, seed), (moments, terminated) in played.items():
@@ -115,12 +92,6 @@ def expected_returns(
 
 def margin(returns: pd.DataFrame, discount: float) -> dict:
     """How far the expert is ahead of the best exploiter, in units of the feedback's noise.
-
-    Parameters
-    ----------
-    returns : DataFrame
-        From `expected_returns`, several placements.
-    discount : float
 
     Returns
     -------
@@ -150,13 +121,7 @@ def margin(returns: pd.DataFrame, discount: float) -> dict:
 def margins(
     played: dict, p_error: pd.DataFrame, people: Sequence[str], w_hf: float, discount: float
 ) -> pd.DataFrame:
-    """How far the expert is ahead with the decoder of each of `people` and each observer.
-
-    Returns
-    -------
-    DataFrame
-        A row per person and observer: subject, observer, and what `margin` returns.
-    """
+    """Return a row per person and observer: subject, observer, and what `margin` returns."""
     rows = []
     for subject in people:
         own = rows_of(p_error, subject)

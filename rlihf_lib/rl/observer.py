@@ -18,7 +18,6 @@ P(wrong) = 1 - progress x comfort; they differ in what progress is.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -82,20 +81,9 @@ class Observer:
     ----------
     errors_seen : int
         Moments that looked wrong so far.
-
-    Raises
-    ------
-    ValueError
-        If one of the two classes has no epoch.
     """
 
-    def __init__(
-        self,
-        p_error: pd.DataFrame,
-        rng: np.random.Generator,
-        looks_wrong: Callable[[Moment], float] = path_observer,
-        decode: Callable[[int], float] | None = None,
-    ):
+    def __init__(self, p_error: pd.DataFrame, rng, looks_wrong=path_observer, decode=None):
         self._p, self._epochs = p_error["p_error"].to_numpy(), p_error["epoch"].to_numpy()
         self._rows = [np.flatnonzero(p_error["label"] == label) for label in (0, 1)]
         for label, name in enumerate(("correct", "error")):

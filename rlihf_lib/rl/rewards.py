@@ -8,12 +8,9 @@ finished task. As feedback is never negative, it would otherwise be a reason not
 keep away from a can that may fall over.
 """
 
-from collections.abc import Callable
-
 import gymnasium as gym
 import numpy as np
 
-from rlihf_lib.rl.observer import Observer
 from rlihf_lib.task.moment import Moment
 
 PLACED = 1.0
@@ -109,13 +106,7 @@ class TrainingReward(gym.Wrapper):
     """
 
     def __init__(
-        self,
-        env: gym.Env,
-        condition: str,
-        discount: float,
-        w_hf: float = 0.0,
-        observer: Observer | None = None,
-        engineered: Callable[[Moment], float] = alignment_reward,
+        self, env, condition, discount, w_hf=0.0, observer=None, engineered=alignment_reward
     ):
         super().__init__(env)
         self.condition, self.discount = condition, discount
@@ -130,7 +121,6 @@ class TrainingReward(gym.Wrapper):
         if self.condition == "dense" and not moment.success:
             reward += self.engineered(moment)
         elif self.condition == "rlihf":
-            assert self.observer, "rlihf needs an observer"
             over = moment.success or moment.lost
             feedback = errp_reward(self.observer.watch(moment, AFTERWARDS if over else 1))
             reward += self.w_hf * float(self._discounts @ feedback if over else feedback[0])

@@ -117,12 +117,9 @@ class RunConfig:
     @property
     def changes(self) -> list[str]:
         """Words for observer, reward and settings that differ from the default, as in the id."""
-        changed, words = _changed(self), []
-        for name in ("observer", "reward"):
-            value = changed.get(name, "")
-            if isinstance(value, dict):
-                value = f"{value['name']}.{value['sha256'][:6]}"
-            words += [value] if value else []
+        changed = _changed(self)
+        words = [changed[name] for name in ("observer", "reward") if name in changed]
+        words = [f"{w['name']}.{w['sha256'][:6]}" if isinstance(w, dict) else w for w in words]
         settings = {name: changed[name] for name in ("patience",) if name in changed}
         for name, value in (settings | changed.get("sac", {})).items():
             values = value if isinstance(value, tuple) else (value,)
@@ -174,20 +171,9 @@ def is_done(config: RunConfig, runs_dir: str | Path) -> bool:
 
 
 def write_run(config: RunConfig, runs_dir: str | Path, files: Mapping[str, bytes]) -> Path:
-    """Put a run's files in place: into a temporary folder first, then renamed.
+    """Put a run's files, content by name, in place and return its folder.
 
-    Parameters
-    ----------
-    config : RunConfig
-    runs_dir : Path
-        Gets the run's folder, named by its `run_id`.
-    files : dict of str to bytes
-        Content by file name, as `training.train_run` returns it.
-
-    Returns
-    -------
-    Path
-        The run's folder.
+    They are written to a temporary folder first, which is then renamed to `run_id`.
     """
     target = Path(runs_dir) / config.run_id
     temporary = target.with_name(f".{config.run_id}.{os.getpid()}.partial")
@@ -211,17 +197,7 @@ def write_run(config: RunConfig, runs_dir: str | Path, files: Mapping[str, bytes
 def read_run(
     config: RunConfig, runs_dir: str | Path, name: str = "eval.csv", columns: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Read a table of a finished run, "eval.csv" or "train.csv".
-
-    Parameters
-    ----------
-    config : RunConfig
-    runs_dir : Path
-        Holds the runs' folders.
-    name : str
-        File in the run's folder.
-    columns : sequence of str
-        Columns it must have.
+    """Read a table of a finished run, "eval.csv" or "train.csv", which must have these columns.
 
     Raises
     ------

@@ -8,17 +8,16 @@ used.
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import dask
-import pandas as pd
 from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster, as_completed, get_worker
 
 from rlihf_lib.progress import FILE_NAME, Progress, duration
 from rlihf_lib.rl.feedback import check_feedback, rows_of
-from rlihf_lib.rl.runs import RunConfig, is_done, write_run
+from rlihf_lib.rl.runs import is_done, write_run
 
 TOPIC = "rlihf-progress"
 # Dask looks at what each worker does every 10 ms, which costs a run an eighth of its time, and at
@@ -35,12 +34,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_
 
 
 def run_sweep(
-    configs: Iterable[RunConfig],
-    runs_dir: str | Path,
-    p_error: pd.DataFrame | None = None,
-    workers: int = 0,
-    recompute: bool = False,
-    train: Callable | None = None,
+    configs, runs_dir, p_error=None, workers: int = 0, recompute: bool = False, train=None
 ) -> int:
     """Train every run that is not done yet, saying so in a line per run.
 

@@ -6,7 +6,6 @@ import platform
 import resource
 import subprocess
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -90,16 +89,12 @@ class _Record(BaseCallback):
 
 
 def train_run(
-    config: RunConfig,
-    p_error: pd.DataFrame | None = None,
-    progress: Callable[[int], object] = lambda step: None,
-    decode: Callable[[int], float] | None = None,
+    config: RunConfig, p_error=None, progress=lambda step: None, decode=None
 ) -> dict[str, bytes]:
     """Train and evaluate one policy; a pure function of its config and of `p_error`.
 
     Parameters
     ----------
-    config : RunConfig
     p_error : DataFrame, optional
         The p(error) table (`rlihf_lib.rl.feedback`); needed by condition "rlihf".
     progress : callable

@@ -18,12 +18,9 @@ CAN, OBSTACLE, ROBOT, THUMB, FINGER = 1, 2, 4, 8, 16  # what a geom belongs to, 
 class Touch(NamedTuple):
     """Who touches whom."""
 
-    can: bool
-    """Whether the robot touches the can."""
-    pinched: bool
-    """Whether thumb and an opposing finger do."""
-    collided: bool
-    """Whether hand, arm or a can that is touched touches an obstacle."""
+    can: bool  # whether the robot touches the can
+    pinched: bool  # whether thumb and an opposing finger do
+    collided: bool  # whether hand, arm or a can that is touched touches an obstacle
 
 
 class Contacts:
@@ -58,16 +55,11 @@ class Contacts:
         )
 
     def clearance(self, held: bool) -> float:
-        """Distance between the hand, or the can it holds, and the nearest obstacle.
+        """Metres, 0 to `CLEARANCE_RANGE`, from the hand or the can it holds to the next obstacle.
 
         Asked of MuJoCo's native collision code, exact to 0.1 mm. The simulation's contacts are left
         to libccd, which takes half as long, and whose distances depend on the order of asking and
         are low by up to 9 cm.
-
-        Returns
-        -------
-        float
-            Metres, from 0 (touching) to `CLEARANCE_RANGE`.
         """
         option, flags = self._model.opt, self._model.opt.disableflags
         option.disableflags = flags & ~NATIVE_CCD_OFF

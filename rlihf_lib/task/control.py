@@ -33,47 +33,32 @@ TORQUE_PERIOD = 2  # physics steps between two torque computations
 class Target(NamedTuple):
     """What the arm is pulled towards."""
 
-    position: np.ndarray
-    """Of the hand, metres, (3,)."""
-    orientation: np.ndarray
-    """Of the hand, (3, 3)."""
-    angles: np.ndarray
-    """Of the joints, rad, (7,): where the null space returns to."""
+    position: np.ndarray  # of the hand, metres, (3,)
+    orientation: np.ndarray  # of the hand, (3, 3)
+    angles: np.ndarray  # of the joints, rad, (7,): where the null space returns to
 
 
 class Arm(NamedTuple):
-    """The arm's present state: views of the simulation's memory, jacobian and mass computed."""
+    """The arm's present state: views of the simulation's memory, but jacobian and mass computed."""
 
-    position: np.ndarray
-    """Of the hand, metres, (3,)."""
-    orientation: np.ndarray
-    """Of the hand, (3, 3)."""
-    angles: np.ndarray
-    """Of the joints, rad, (7,)."""
-    velocities: np.ndarray
-    """Of the joints, rad/s, (7,)."""
-    bias: np.ndarray
-    """Gravity and Coriolis torques, N m, (7,)."""
-    jacobian: np.ndarray
-    """Of the hand, (6, 7): rows 0-2 translation, 3-5 rotation."""
-    mass: np.ndarray
-    """Joint-space inertia, kg m^2, (7, 7)."""
+    position: np.ndarray  # of the hand, metres, (3,)
+    orientation: np.ndarray  # of the hand, (3, 3)
+    angles: np.ndarray  # of the joints, rad, (7,)
+    velocities: np.ndarray  # of the joints, rad/s, (7,)
+    bias: np.ndarray  # gravity and Coriolis torques, N m, (7,)
+    jacobian: np.ndarray  # of the hand, (6, 7): rows 0-2 translation, 3-5 rotation
+    mass: np.ndarray  # joint-space inertia, kg m^2, (7, 7)
 
 
 class Memory(NamedTuple):
     """What a control step works on: views of the simulation's memory, and room for results."""
 
     arm: Arm
-    torques: np.ndarray
-    """Commanded, N m, (7,)."""
-    limits: np.ndarray
-    """Lowest and highest torques, N m, (2, 7)."""
-    inertia: np.ndarray
-    """As MuJoCo stores it, sparse."""
-    jacobian: np.ndarray
-    """Of all joints, (6, nv)."""
-    mass: np.ndarray
-    """Of all joints, (nv, nv)."""
+    torques: np.ndarray  # commanded, N m, (7,)
+    limits: np.ndarray  # lowest and highest torques, N m, (2, 7)
+    inertia: np.ndarray  # as MuJoCo stores it, sparse
+    jacobian: np.ndarray  # of all joints, (6, nv)
+    mass: np.ndarray  # of all joints, (nv, nv)
 
 
 @numba.njit(cache=True)
@@ -176,13 +161,10 @@ class Controller:
         self.goal_pos = (self.hand + ahead).clip(WORKSPACE_LOW, WORKSPACE_HIGH)
 
     def advance(self, action: np.ndarray) -> None:
-        """Apply one action for one control step.
+        """Apply one action, shape (4,), for one control step.
 
-        Parameters
-        ----------
-        action : ndarray, shape (4,)
-            In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), aperture (-1 open,
-            1 closed round a can).
+        In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), aperture (-1 open, 1 closed round a
+        can).
         """
         self.move_goal(action)
         fingers = self.gripper.format_action(action[3:])
@@ -193,13 +175,10 @@ class Controller:
 
 
 class StockController(Controller):
-    """The same interface for a `Workspace(fast=False)`, driven by robosuite's own `step`.
-
-    The reference for `Controller`.
-    """
+    """The reference for `Controller`: drives `Workspace(fast=False)` by robosuite's own `step`."""
 
     def advance(self, action: np.ndarray) -> None:
-        """Apply one action (4,) for one control step, as `Controller.advance` does."""
+        """Apply one action for one control step, as `Controller.advance` does."""
         orientation = quat2axisangle(mat2quat(self.goal_ori))
         self.move_goal(action)
         self.workspace.step(np.concatenate((self.goal_pos, orientation, action[3:])))

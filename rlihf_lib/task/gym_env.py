@@ -13,14 +13,7 @@ from rlihf_lib.task.contacts import CLEARANCE_RANGE, Contacts
 from rlihf_lib.task.control import ARM_DOFS, Controller, StockController
 from rlihf_lib.task.moment import LIFTED, Moment, Stages, State
 from rlihf_lib.task.path import IdealPath, path_efficiency
-from rlihf_lib.task.workspace import (
-    CLOSED_ANGLE,
-    OBSTACLES,
-    OPEN_ANGLE,
-    PLACED_WITHIN,
-    TABLE_HEIGHT,
-    Workspace,
-)
+from rlihf_lib.task.workspace import OBSTACLES, PLACED_WITHIN, TABLE_HEIGHT, Workspace, closure
 
 LOWERED = 0.03  # metres over the goal from which letting go is placing, not dropping
 DOWN = 0.01  # metres off the goal's height up to which the can stands on it
@@ -36,33 +29,17 @@ CENTRE = np.array([0, 0, TABLE_HEIGHT + 0.1])  # of the space over the table
 LENGTH_SCALE, SPEED_SCALE, SHORT_SCALE = 0.2, 0.5, 0.05
 CLOSE_RANGE = 0.03  # metres; grasping and placing take place at a few centimetres
 MOST_SETBACK = 2.0  # of the observation, in its unit
-OBSERVATION = (
-    # entry, size, unit
-    ("hand position from the table's centre", 3, "0.2 m"),
-    ("hand velocity", 3, "0.5 m/s"),
-    ("hand's goal from hand", 3, "0.05 m"),
-    ("can from hand", 3, "0.2 m"),
-    ("can's upward axis, x and y", 2, "1"),
-    ("can's velocity", 3, "0.5 m/s"),
-    ("goal from can", 3, "0.2 m"),
-    ("can from hand, and goal from can, at close range", 6, "tanh of 0.03 m"),
-    *((f"{name} from hand", 3, "0.2 m") for name in OBSTACLES),
-    ("finger closure, 0 open to 1 closed", 1, "1"),
-    ("fingers as commanded, 0 open to 1 closed", 1, "1"),
-    ("can is held", 1, "0 or 1"),
-    ("can has been lifted 5 cm in this episode", 1, "0 or 1"),
-    ("setback: progress lost since the best in memory", 1, "0.05 m, at most 2"),
-)
+N_OBSERVATIONS = 43
 
 
 class PickPlaceEnv(gym.Env):
     """Obstacle-avoiding pick-and-place with the Kinova Gen2.
 
     Action: Box(-1, 1, (4,)): hand displacement along x, y, z (1 = 3 cm), aperture of the hand (-1
-    open, 1 closed round a can; beyond +-2/3 fully). Observation: Box, entries and units in
-    `OBSERVATION`. Reward: 1 in the step that places the can, else 0; training rewards are made of
-    `info["moment"]` (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost.
-    `truncated`: the horizon, or `patience`. `info["metrics"]` at the end of an episode: `metrics`.
+    open, 1 closed round a can; beyond +-2/3 fully). Observation: Box(43,), see `_observe`. Reward:
+    1 in the step that places the can, else 0; training rewards are made of `info["moment"]`
+    (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost. `truncated`: the
+    horizon, or `patience`. `info["metrics"]` at the end of an episode: `metrics`.
 
     Parameters
     ----------
@@ -90,8 +67,7 @@ class PickPlaceEnv(gym.Env):
         self.workspace = workspace or Workspace()
         self.controller = (Controller if self.workspace.fast else StockController)(self.workspace)
         self.model, self.data = self.controller.model, self.controller.data
-        size = sum(size for _, size, _ in OBSERVATION)
-        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (N_OBSERVATIONS,), np.float32)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (4,), np.float32)
         self.contacts = Contacts(self.workspace)
         self._can_body = self.workspace.body_ids["can"]
@@ -214,13 +190,14 @@ class PickPlaceEnv(gym.Env):
 
     def closure(self) -> float:
         """How far the fingers are closed, 0 open to 1 closed."""
-        return _closure(sum(self.data.qpos[ARM_DOFS : ARM_DOFS + 6 : 2]) / 3)
+        return closure(sum(self.data.qpos[ARM_DOFS : ARM_DOFS + 6 : 2]) / 3)
 
     def squeeze(self) -> float:
         """How far the fingers are told to close, 0 open to 1 closed."""
-        return _closure(self.controller.gripper.angle)
+        return closure(self.controller.gripper.angle)
 
     def _observe(self):
+        """Everything in units of its own, so that it is about 1 in size."""
         hand, can = self.controller.hand, self.body("can")
         reach, carry = can - hand, self.goal - can
         obstacles = self.data.xpos[self._obstacle_bodies] - hand
@@ -230,20 +207,16 @@ class PickPlaceEnv(gym.Env):
             self.controller.hand_velocity() / SPEED_SCALE,
             (self.controller.goal_pos - hand) / SHORT_SCALE,
             reach / LENGTH_SCALE,
-            self.data.xmat[self._can_body][2:6:3],
+            self.data.xmat[self._can_body][2:6:3],  # the can's upward axis, x and y
             self.data.cvel[self._can_body][3:] / SPEED_SCALE,
             carry / LENGTH_SCALE,
             np.tanh(np.concatenate([reach, carry]) / CLOSE_RANGE),
             obstacles.ravel() / LENGTH_SCALE,
-            [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted), setback],
+            [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted)],
+            [setback],  # progress lost since the best in memory
         )
         return np.concatenate(entries).astype(np.float32)
 
     def close(self) -> None:
         """Free the simulation."""
         self.workspace.close()
-
-
-def _closure(angle):
-    """Finger angle, rad, as 0 open to 1 closed."""
-    return float(min(max((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0.0), 1.0))

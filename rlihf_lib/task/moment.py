@@ -56,38 +56,24 @@ class Moment:
 class State(NamedTuple):
     """How far the task has got."""
 
-    hand: np.ndarray
-    """Position of the hand, metres, (3,)."""
-    can: np.ndarray
-    """Position of the can's centre, metres, (3,)."""
-    held: bool
-    """Whether the fingers hold the can."""
-    squeeze: float
-    """How far the fingers are told to close, 0 open to 1 closed."""
-    delivered: bool = False
-    """Whether the can stands on the goal: what is left is to let it go."""
+    hand: np.ndarray  # position, metres, (3,)
+    can: np.ndarray  # position of its centre, metres, (3,)
+    held: bool  # whether the fingers hold the can
+    squeeze: float  # how far the fingers are told to close, 0 open to 1 closed
+    delivered: bool = False  # whether the can stands on the goal: what is left is to let it go
 
 
 class Stages:
-    """Remembers how near each stage of the task has come to its end in an episode.
-
-    Parameters
-    ----------
-    goal : ndarray, shape (3,)
-        Centre of the can when it is placed, metres.
-    """
+    """Remembers how near each stage has come to its end in an episode; `goal` is the can's."""
 
     def __init__(self, goal: np.ndarray):
         self._goal = goal
         self._least: dict[str, float] = {}
 
     def nearer(self, state: State) -> float:
-        """Tell how much nearer than ever before the present stage is to its end.
+        """Metres by which the present stage is nearer to its end than ever before, 0 for none.
 
-        Returns
-        -------
-        float
-            Metres, 0 for no nearer; `NEXT_STAGE` for a stage reached for the first time.
+        `NEXT_STAGE` for a stage reached for the first time.
         """
         stage, left = self._present(state)
         before = self._least.get(stage)

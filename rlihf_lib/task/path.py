@@ -59,20 +59,7 @@ def _join(point, starts, directions, lengths, before, detour):
 
 
 class Polyline:
-    """Straight pieces from vertex to vertex.
-
-    Parameters
-    ----------
-    vertices : array-like, shape (n, 3)
-        Metres.
-    detour : float
-        Price of a metre beside it, above 1.
-
-    Attributes
-    ----------
-    length : float
-        Metres.
-    """
+    """Straight pieces between vertices, (n, 3), metres; `detour` > 1 prices a metre beside them."""
 
     def __init__(self, vertices, detour: float = CARRY_DETOUR):
         self.detour = detour
@@ -90,22 +77,17 @@ class Polyline:
         return _nearest(point, self._starts, self._directions, self._lengths)
 
     def remaining(self, point: np.ndarray) -> tuple[float, float]:
-        """Price of going on to the end from `point`, (3,), and where the path is joined, metres.
+        """Price of going on to the end from `point`, (3,), metres, and where the path is joined.
 
-        Returns
-        -------
-        left : float
-            min over q of `detour` * |point - q| + length left at q.
-        joined : float
-            Length from the start to the best q.
+        The former is min over q of `detour` * |point - q| + length left at q, the latter the length
+        from the start to the best q.
         """
         pieces = self._starts, self._directions, self._lengths, self._before
         return _join(point, *pieces, self.detour)
 
     def at(self, length: float) -> np.ndarray:
         """Point `length` metres from the start, (3,); beyond the end, the end."""
-        after = int(np.searchsorted(self._before, length, side="right"))
-        piece = min(after, len(self._lengths)) - 1
+        piece = int(np.searchsorted(self._before[:-1], length, side="right")) - 1
         along = min(length - self._before[piece], self._lengths[piece])
         return self._starts[piece] + along * self._directions[piece]
 
@@ -184,13 +166,6 @@ def path_efficiency(ideal: float, executed: float, completed: float) -> float:
     The paper's ratio "between the length of the ideal trajectory and the agent's actual
     trajectory" would exceed 1 for a robot that gives up early; so the ideal length is weighted by
     the share of the path completed, as success-weighted path length (Anderson et al. 2018) does.
-
-    Parameters
-    ----------
-    ideal, executed : float
-        Lengths of the ideal path and of the hand's, metres.
-    completed : float
-        Largest share of the ideal path completed, in [0, 1].
 
     Returns
     -------

@@ -20,14 +20,7 @@ FRAME_TIME = 100  # milliseconds, as a control step takes
 
 
 def render(path: str | Path, seed: int = 0) -> str:
-    """Render the scene as the person facing the robot sees it.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    seed : int
-        Of the placement.
+    """Render the placement of a seed, as the person facing the robot sees it, to a PNG file.
 
     Returns
     -------
@@ -38,16 +31,12 @@ def render(path: str | Path, seed: int = 0) -> str:
 
 
 def film(path: str | Path, qpos: np.ndarray, seed: int) -> str:
-    """Render a rollout, as a GIF; see `render`.
+    """Render a rollout in the placement of a seed to a GIF file; see `render`.
 
     Parameters
     ----------
-    path : Path
-        GIF file to write.
     qpos : ndarray, shape (n_frames, nq)
         Generalised positions, one frame each (`rlihf_lib.rl.evaluation.Recording`).
-    seed : int
-        Of the placement.
     """
     with tempfile.TemporaryDirectory() as folder:
         positions = Path(folder) / "qpos.npy"

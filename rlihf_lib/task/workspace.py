@@ -7,8 +7,6 @@ the robot, y to the right as seen by a person facing the robot, z up, the table'
 """
 
 import copy
-import xml.etree.ElementTree as ET
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,6 +17,8 @@ from robosuite.models.arenas import TableArena
 from robosuite.models.grippers import register_gripper
 from robosuite.models.grippers.jaco_three_finger_gripper import JacoThreeFingerGripperBase
 from robosuite.models.tasks import ManipulationTask
+
+from rlihf_lib.task.fast import TIMESTEP, made_fast
 
 CONTROL_FREQUENCY = 10  # control steps per second
 TABLE_SIZE, TABLE_HEIGHT = (0.8, 0.8, 0.05), 0.8  # metres
@@ -42,38 +42,17 @@ PLACES = {
     "bottle": ((-0.10, 0.00), 0.01),
     "bread": ((0.06, 0.14), 0.015),
 }
-# Collision primitives fitted to the meshes by MuJoCo's compiler (fingertips stay as they are).
-PRIMITIVES = {
-    "can": "cylinder",
-    "lemon": "ellipsoid",
-    "cereal": "box",
-    "bottle": "cylinder",
-    "bread": "box",
-    "robot0": "capsule",
-    "gripper0_right_hand": "cylinder",
-    "gripper0_right_thumb": "capsule",
-    "gripper0_right_index": "capsule",
-    "gripper0_right_pinky": "capsule",
-}
-GRASPING = ("tip_collision", "distal_collision")
-# Robosuite's contacts (can: 1 ms, fingertips underdamped) squeeze the can out of the hand at a 4 ms
-# step (0-2 of 12 grasps hold); 12 ms, overdamped and 5 mm wide hold it in 24 of 24.
-FIRM = {"solref": "0.012 2", "solimp": "0.9 0.95 0.005"}
-# Rolling friction, which the models state and condim 4 leaves out: without it the lemon never comes
-# to rest. The can stays at 4, or one that leans on its edge stays leaning.
-ROLLING = {"condim": "6"}
-# Else primitives come out at 85 % of the meshes' size; and there is nothing to be seen.
-FAST_COMPILER = {"fitaabb": "true", "discardvisual": "true"}
-# Objects at rest (slower than 1 mm/s) sleep until touched. Contacts by libccd, to 10 um, take half
-# as long.
-FAST_OPTION = {"sleep_tolerance": "1e-3", "ccd_tolerance": "1e-5"}
-FAST_FLAGS = {"sleep": "enable", "nativeccd": "disable", "sensor": "disable"}
 # Finger joints: 1.2 rad is open; 0.6 rad is closed round a can. Commanded to 0, the fingers creep
 # on round the can and throw it over when they open; so they do when they open at once.
 OPEN_ANGLE, CLOSED_ANGLE, FINGER_RANGE = 1.2, 0.6, 1.51
 FINGER_STEP = 0.15  # rad per control step: 1.5 rad/s at 10 Hz
 APERTURE_GAIN = 0.75  # closure per unit of the command: beyond +-2/3 the hand is open or closed
 START_TURN = 0.35  # rad of the arm's first joint away from robosuite's start, towards the can
+
+
+def closure(angle: float) -> float:
+    """Finger angle, rad, as 0 open to 1 closed."""
+    return float(min(max((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0.0), 1.0))
 
 
 @register_gripper
@@ -114,12 +93,11 @@ class Workspace(ManipulationEnv):
     Parameters
     ----------
     fast : bool
-        True: collision shapes are primitives and the physics step is `FAST_TIMESTEP`, to be driven
+        True: collision shapes are primitives and the physics step is longer (`fast`), to be driven
         by `rlihf_lib.task.control`. False: robosuite's meshes, timestep and `step`, unchanged; the
         reference for speed and for correctness.
     """
 
-    FAST_TIMESTEP = 0.004
     reward_scale = 1.0  # robosuite's GymWrapper asks for it
 
     def __init__(self, fast: bool = True):
@@ -157,22 +135,20 @@ class Workspace(ManipulationEnv):
 
     def _initialize_sim(self, xml_string=None):
         if self.fast and xml_string is None:
-            xml_string = _made_fast(self.model.get_xml())
+            xml_string = made_fast(self.model.get_xml())
         super()._initialize_sim(xml_string)
         if self.fast:
-            self.sim.model._model.opt.timestep = self.FAST_TIMESTEP
-            self.model_timestep = self.FAST_TIMESTEP
+            self.sim.model._model.opt.timestep = self.model_timestep = TIMESTEP
 
     def _setup_references(self):
         super()._setup_references()
         model = self.sim.model._model
         self.body_ids = {o.name: model.body(o.root_body).id for o in [*self.objects, self.goal]}
         self.qpos_address = {o.name: model.joint(o.joints[0]).qposadr[0] for o in self.objects}
+        solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
         self.geom_ids = {
-            name: np.array(
-                [g for g in range(model.ngeom) if model.geom_bodyid[g] == i and _collides(model, g)]
-            )
-            for name, i in self.body_ids.items()
+            name: np.flatnonzero(solid & (model.geom_bodyid == body))
+            for name, body in self.body_ids.items()
         }
 
     def reset(self) -> dict | None:
@@ -237,52 +213,3 @@ class Workspace(ManipulationEnv):
 class _Task(ManipulationTask):
     def generate_id_mappings(self, sim):
         """Names of geoms in segmented images, visual ones included, which a fast model hasn't."""
-
-
-def _collides(model, geom):
-    return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
-
-
-def _made_fast(xml):
-    """Replace collision meshes by fitted primitives, and leave out what doesn't move anything."""
-    root: Any = ET.fromstring(xml)
-    for compiler in root.iter("compiler"):
-        compiler.attrib |= FAST_COMPILER
-    option = root.find("option")
-    option.attrib |= FAST_OPTION
-    ET.SubElement(option, "flag", FAST_FLAGS)
-    _tie_joints_of_fingers(root)
-    for geom in root.iter("geom"):
-        _simplify(geom, geom.get("name", ""))
-    return ET.tostring(root, encoding="unicode")
-
-
-def _tie_joints_of_fingers(root):
-    """Tie the two joints of each finger themselves, not the tendons that couple them one to one.
-
-    MuJoCo can't put objects to sleep yet where tendons are tied.
-    """
-    equality = root.find("equality")
-    for finger in list(equality):
-        equality.remove(finger)
-        tendon = root.find(f"tendon/fixed[@name='{finger.get('name')}']")
-        proximal, distal = (joint.get("joint") for joint in tendon)
-        ET.SubElement(equality, "joint", joint1=distal, joint2=proximal)
-
-
-def _simplify(geom, name):
-    """Give a geom its primitive, and contacts that hold what is grasped."""
-    if name == "table_collision":
-        geom.set("type", "plane")
-        geom.set("pos", f"0 0 {geom.get('size').split()[2]}")
-    if name.endswith("pad_collision"):
-        # 1 mm plates on the fingertips, which touch what they touch: 3 of 9 contacts.
-        geom.attrib |= {"contype": "0", "conaffinity": "0"}
-    if name.endswith(GRASPING) or name.startswith(tuple(OBJECTS)):
-        geom.attrib |= FIRM
-    if name.endswith(GRASPING) or name.startswith("lemon"):
-        geom.attrib |= ROLLING
-    visual = geom.get("contype") == "0" and geom.get("conaffinity") == "0"
-    for prefix, primitive in PRIMITIVES.items():
-        if geom.get("mesh") is not None and not visual and name.startswith(prefix):
-            geom.set("type", primitive)

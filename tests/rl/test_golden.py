@@ -23,7 +23,7 @@ from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import alignment_reward, evaluation_reward, task_reward
 from rlihf_lib.rl.runs import PROTOCOL, RunConfig, SACSettings
 from rlihf_lib.rl.sac import make_sac
-from rlihf_lib.task.gym_env import OBSERVATION, PickPlaceEnv
+from rlihf_lib.task.gym_env import N_OBSERVATIONS, PickPlaceEnv
 from rlihf_lib.task.scripted import expert_action
 
 STORED = Path(__file__).with_name("golden.json")
@@ -73,7 +73,7 @@ def expert_episode():
 class Noise(gym.Env):
     """Random observations and rewards in the shapes of the task, to fill a replay buffer."""
 
-    observation_space = gym.spaces.Box(-np.inf, np.inf, (sum(e[1] for e in OBSERVATION),))
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (N_OBSERVATIONS,))
     action_space = gym.spaces.Box(-1, 1, (4,))
 
     def reset(self, seed=None, options=None):

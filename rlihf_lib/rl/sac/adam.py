@@ -9,14 +9,9 @@ from torch import nn
 
 
 def flatten(module: nn.Module) -> nn.Parameter:
-    """Move a module's parameters, and their gradients, into one vector each.
+    """Return a module's parameters, moved into one vector, whose `grad` holds their gradients.
 
     The parameters keep names, shapes and values; one operation then updates them all.
-
-    Returns
-    -------
-    torch.nn.Parameter
-        All parameters in a row; its `grad` holds their gradients.
     """
     parameters = list(module.parameters())
     flat = nn.Parameter(nn.utils.parameters_to_vector(parameters).detach())
@@ -46,12 +41,6 @@ class FlatAdam(torch.optim.Adam):
     """PyTorch's Adam for one vector, at a fraction of the overhead.
 
     Its state is PyTorch's, so that it is saved and loaded with the learner.
-
-    Parameters
-    ----------
-    vector : torch.nn.Parameter
-        One-dimensional.
-    learning_rate : float
     """
 
     def __init__(self, vector: torch.Tensor, learning_rate: float):

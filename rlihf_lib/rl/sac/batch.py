@@ -20,10 +20,9 @@ class Memory(NamedTuple):
 
 @numba.njit(cache=True)
 def _fill_in(memory, drawn, limits, batch):
-    """Fill in what `Batch` holds: rows, returns and discounts.
+    """Fill in what `Batch` holds: transitions from `drawn` on, (2, n) of steps and environments.
 
-    Transitions from `drawn` on, (2, n) of steps and environments, are followed for n_steps, until
-    their episode or the buffer, at `newest`, ends; `limits` are n_steps, gamma and newest.
+    Each is followed for n_steps, until its episode or the buffer, at `newest`, ends.
     """
     observations, actions, next_observations, rewards, dones, timeouts = memory
     rows, returns, discounts = batch
@@ -56,14 +55,7 @@ class Batch:
     for the policy's actions in them. The critics' inputs share their memory: `now` and `later` are
     states with the policy's actions, `taken` with those taken. `returns` are the rewards in
     between, `discounts` what the value of the later state counts: 0 where the episode terminated.
-
-    Parameters
-    ----------
-    policy : stable_baselines3.sac.policies.SACPolicy
-    size : int
-        Transitions.
-    noise : pair of float
-        Standard deviation of the noise added to observations and to actions in `taken`.
+    To the observations and actions in `taken`, noise of two standard deviations is added.
     """
 
     def __init__(self, policy, size: int, noise: tuple[float, float]):

@@ -1,6 +1,7 @@
 """The learner: Stable-Baselines3's SAC with `train` written out; see `rlihf_lib.rl.sac`."""
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,20 +20,12 @@ BUFFER_SIZE = 200_000  # transitions: all that a run makes
 class FastSAC(SAC):
     """Stable-Baselines3's SAC with `train` written out for a `StackedPolicy`.
 
-    Parameters
+    Attributes
     ----------
     critic_noise : pair of float
         Standard deviation of the noise added to the observations and actions critics are fitted to.
-    log_every : int
-        Environment steps between two entries of `learning`.
-    *args, **kwargs
-        As for `stable_baselines3.SAC`.
-
-    Attributes
-    ----------
     learning : list of dict
-        Every `log_every` steps, of the update then made: step; critic_loss, half the sum of the
-        critics' mean squared errors, as in SB3; ent_coef, alpha; mean_q, their mean value.
+        Every `log_every` steps, of the update then made: step, critic_loss, ent_coef and mean_q.
     """
 
     # SB3 makes all of these before `train`, and declares them more widely.
@@ -128,24 +121,18 @@ class FastSAC(SAC):
 
 def make_sac(env, settings, seed: int, log_every: int = 1_000) -> FastSAC:
     """Build the learner for an environment, from `rlihf_lib.rl.runs.SACSettings`."""
+    names = asdict(settings)
+    hidden, discount = names.pop("hidden"), names.pop("discount")
     model = FastSAC(
         StackedPolicy,
         env,
-        learning_rate=settings.learning_rate,
         buffer_size=BUFFER_SIZE,
-        learning_starts=settings.learning_starts,
-        batch_size=settings.batch_size,
-        tau=settings.tau,
-        gamma=settings.discount,
-        train_freq=settings.train_freq,
-        gradient_steps=settings.gradient_steps,
-        n_steps=settings.n_steps,
-        target_entropy=settings.target_entropy,
-        critic_noise=settings.critic_noise,
+        gamma=discount,
+        policy_kwargs={"net_arch": list(hidden)},
         log_every=log_every,
-        policy_kwargs={"net_arch": list(settings.hidden)},
         seed=seed,
         device="cpu",
+        **names,  # the others are called as in SB3
     )
     # Otherwise SB3 leaves a folder in /tmp behind for every run.
     model.set_logger(Logger(folder=None, output_formats=[]))

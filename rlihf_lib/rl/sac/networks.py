@@ -12,16 +12,7 @@ from torch import nn
 
 
 class StackedCritic(nn.Module):
-    """`n_critics` Q-functions evaluated by one batched product per layer.
-
-    Parameters
-    ----------
-    in_features : int
-        Entries of observation and action together.
-    hidden : sequence of int
-        Units per hidden layer.
-    n_critics : int
-    """
+    """`n_critics` Q-functions of observation and action, by one batched product per layer."""
 
     def __init__(self, in_features: int, hidden: Sequence[int], n_critics: int):
         super().__init__()

@@ -35,16 +35,9 @@ class CriticBuffers:
 
 
 class CriticPass:
-    """Values of one of several stacked critics and their derivatives.
+    """Values of one of several stacked critics, that of an index, and their derivatives.
 
-    Parameters
-    ----------
-    critic : StackedCritic
-    index : int
-        Which of them.
-    x : Tensor, shape (batch, n)
-        Observations and actions; read anew by each pass.
-    buffers : CriticBuffers
+    `x`, (batch, n), are observations and actions, read anew by each pass.
     """
 
     def __init__(self, critic: StackedCritic, index: int, x: torch.Tensor, buffers: CriticBuffers):
@@ -91,15 +84,10 @@ class CriticPass:
 
 
 class ActorPass:
-    """Actions of the squashed Gaussian policy and their derivatives.
+    """Actions of SB3's actor, a squashed Gaussian policy, and their derivatives.
 
-    Parameters
-    ----------
-    actor : stable_baselines3.sac.policies.Actor
-    x : Tensor, shape (rows, n)
-        Observations; read anew by each pass.
-    batch_size : int
-        The first so many of them enter the backward pass.
+    `x`, (rows, n), are observations, read anew by each pass; the first `batch_size` of them enter
+    the backward pass.
     """
 
     def __init__(self, actor, x: torch.Tensor, batch_size: int):
@@ -151,12 +139,8 @@ class ActorPass:
     def backward(self, actions: np.ndarray, d_actions: np.ndarray, d_log_prob: float) -> None:
         """Leave the gradients in the actor's parameters.
 
-        Parameters
-        ----------
-        actions, d_actions : ndarray, shape (batch_size, n_actions)
-            What `forward` drew, and the loss's derivative by it.
-        d_log_prob : float
-            The loss's derivative by each log-probability.
+        From the actions drawn, (batch_size, n_actions), and the loss's derivatives by them and by
+        each log-probability.
         """
         log_std, deviation = self._log_std[: len(actions)], self._deviation[: len(actions)]
         slope = 1 - actions**2
