@@ -46,14 +46,14 @@ class LiveFeedback:
         return self._stream.p_error(log_odds)
 
 
-def train_live(study, config, folder, p_error=None, progress=lambda step: None):
+def train_live(study, config, p_error=None, progress=lambda step: None) -> dict[str, bytes]:
     """Train a run as `rl.training.train_run` does, its feedback decoded live.
 
     Parameters
     ----------
     study : Study
         Names the recordings and holds the decoders' weights.
-    config, folder, p_error, progress
+    config, p_error, progress
         As for `train_run`; of the table only the epochs' numbers and labels are used.
 
     Raises
@@ -72,7 +72,7 @@ def train_live(study, config, folder, p_error=None, progress=lambda step: None):
         load = _loader(study.eeg, study.events, study.drop_channels, tuple(study.subjects()))
         held_out = load_subject(load, config.subject)
         decode = LiveFeedback(decoder, held_out)
-    train_run(config, folder, p_error, progress, decode)
+    return train_run(config, p_error, progress, decode)
 
 
 @lru_cache(maxsize=1)

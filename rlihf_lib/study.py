@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from rlihf_lib.profiles import PROFILES
-from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.observer import p_error_sha256, with_controls
+from rlihf_lib.rl.feedback import IDEAL, controls_of, p_error_sha256, with_controls
+from rlihf_lib.rl.runs import RunConfig, SACSettings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")
@@ -155,7 +155,7 @@ class Study:
     def feedback(self) -> pd.DataFrame:
         """Return all p(error) tables that a run may name: the people's, an ideal decoder's, and
         those of the person with the median decoder with what they say taken out; see
-        `observer.with_controls`.
+        `rl.feedback.with_controls`.
         """
         return with_controls(self.p_error(), self.median_subject())
 
@@ -193,9 +193,8 @@ class Study:
         if stage == "ablation":
             seeds = dict.fromkeys(self.policy_subjects(ablation=True), profile.ablation_seeds)
         elif stage == "controls":
-            median = self.median_subject()
-            nothing = dict.fromkeys((f"{median}-mean", f"{median}-shuffled"), profile.control_seeds)
-            seeds = {"ideal": profile.supplementary_seeds, **nothing}
+            nothing = dict.fromkeys(controls_of(self.median_subject()), profile.control_seeds)
+            seeds = {IDEAL: profile.supplementary_seeds, **nothing}
         table = self.feedback()
         sources = {
             subject: {
@@ -227,7 +226,7 @@ class Study:
         DataFrame
             A row per long stage: done, missing (folds, then runs) and seconds.
         """
-        from rlihf_lib.rl.sweep import is_done, n_cores  # imports Dask, so only when asked
+        from rlihf_lib.rl.sweep import CPU_COUNT  # imports Dask, so only when asked
 
         folds = len(list((self.decoder / "folds").glob("*/")))
         if (self.decoder / "p_error.csv").is_file():
@@ -248,7 +247,7 @@ class Study:
                 left = [config for config in configs if not is_done(config, self.runs)]
                 done, missing, new = len(configs) - len(left), len(left), len({*left} - counted)
                 counted.update(left)
-            seconds = new * per_run / max(1, min(workers or n_cores(), new))
+            seconds = new * per_run / max(1, min(workers or CPU_COUNT, new))
             rows.append((title, done, missing, seconds))
         return pd.DataFrame(rows, columns=["stage", "done", "missing", "seconds"])
 

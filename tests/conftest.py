@@ -6,7 +6,13 @@ import os
 for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-LONGEST_FIRST = ("test_notebooks.py", "test_task.py", "test_rewards.py", "test_own_epochs.py")
+LONGEST_FIRST = (
+    "test_notebooks.py",
+    "test_incentives.py",
+    "test_golden.py",
+    "test_sweep.py",
+    "test_own_epochs.py",
+)
 
 
 def pytest_collection_modifyitems(items):

@@ -1,6 +1,7 @@
 """Feedback decoded live is the feedback of the table."""
 
 import dataclasses
+import io
 
 import mne
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 from rlihf_lib.eeg.decoding import load_decoder, load_subject, loader, run_loso
 from rlihf_lib.eeg.fitting import DecoderSettings
 from rlihf_lib.live import LiveFeedback, train_live
-from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.observer import p_error_sha256
+from rlihf_lib.rl.feedback import p_error_sha256
+from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.rl.training import train_run
 from rlihf_lib.study import Study
 
@@ -49,7 +50,7 @@ def test_live_decoding_gives_the_table_bit_by_bit(study):
         assert [live(epoch) for epoch in rows["epoch"]] == rows["p_error"].tolist()
 
 
-def test_live_run_is_the_run_from_the_table(study, tmp_path):
+def test_live_run_is_the_run_from_the_table(study):
     table = study.p_error()
     subject = table["subject"].iloc[0]
     # What it decodes cannot come from a table that says nothing.
@@ -58,8 +59,7 @@ def test_live_run_is_the_run_from_the_table(study, tmp_path):
         dataclasses.replace(CONFIG, subject=subject, p_error_sha256=p_error_sha256(t, subject))
         for t in (table, silent)
     )
-    train_run(config, tmp_path / "table", table)
-    train_live(study, live, tmp_path / "live", silent)
+    looked_up, decoded = train_run(config, table), train_live(study, live, silent)
     for file in ("train.csv", "eval.csv", "actor.safetensors"):
-        assert (tmp_path / "live" / file).read_bytes() == (tmp_path / "table" / file).read_bytes()
-    assert pd.read_csv(tmp_path / "live" / "train.csv")["return"].gt(0).any()
+        assert decoded[file] == looked_up[file]
+    assert pd.read_csv(io.BytesIO(decoded["train.csv"]))["return"].gt(0).any()

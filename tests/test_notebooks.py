@@ -12,7 +12,7 @@ import pytest
 
 from rlihf_lib.files import sha256
 from rlihf_lib.regenerate import NOTEBOOKS, READ_EPOCHS, STEPS
-from rlihf_lib.rl.sweep import is_done
+from rlihf_lib.rl.runs import is_done
 from rlihf_lib.study import STAGES, Study
 
 NAMES = list(dict.fromkeys(step.notebook for step in STEPS))

@@ -11,7 +11,12 @@ from rlihf_lib.study import REPOSITORY, Study
 from tests.pages import CAPTIONS, PAGES, filled
 
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-DOCUMENTS = (*PAGES, ".github/CONTRIBUTING.md", "notebooks/choices.md", "tests/benchmarks/README.md")
+DOCUMENTS = (
+    *PAGES,
+    ".github/CONTRIBUTING.md",
+    "notebooks/choices.md",
+    "tests/benchmarks/README.md",
+)
 LINKS = [
     (page, target)
     for page in DOCUMENTS

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from rlihf_lib.rl.observer import p_error_sha256
+from rlihf_lib.rl.feedback import p_error_sha256
 from rlihf_lib.study import PROFILES, STAGES, Study
 
 

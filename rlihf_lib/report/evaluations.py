@@ -6,6 +6,8 @@ import pandas as pd
 from rlihf_lib.report import paper
 from rlihf_lib.report.statistics import MIN_UNITS
 from rlihf_lib.report.style import label, ordered
+from rlihf_lib.rl.feedback import person_and_control
+from rlihf_lib.rl.runs import read_run
 
 EVAL_COLUMNS = (
     "step",
@@ -24,7 +26,6 @@ RANGES = {
 }  # fmt: skip
 UNBOUNDED = (-np.inf, np.inf)
 LOWER_IS_BETTER = ("path_deviation", "collisions")
-CONTROLS = ("ideal", "mean", "shuffled")  # what a table of p(error) may be besides decoded
 
 
 def group_of(config):
@@ -41,19 +42,13 @@ def group_of(config):
         isn't decoded; settings that differ from the default as in the run's id, such as
         "sparse-patience1000-discount0.98" or "rlihf-lay".
     """
-    control = config.subject.rpartition("-")[2]
-    settings = (
-        config.run_id.removeprefix(config.condition)
-        .removeprefix(f"-w{config.w_hf:g}-{config.subject}")
-        .removesuffix(f"-seed{config.seed}")
-    )
-    return config.condition + (f"-{control}" if control in CONTROLS else "") + settings
+    control = person_and_control(config.subject)[1]
+    return "-".join(filter(None, [config.condition, control, *config.changes]))
 
 
 def person_of(subject):
     """Return whose p(error) a run drew on: "s02" for "s02" and "s02-mean"; "" for nobody's."""
-    person, _, control = subject.rpartition("-")
-    return person if control in CONTROLS else subject
+    return person_and_control(subject)[0]
 
 
 def load_runs(study, stages=("sparse", "dense", "rlihf")):
@@ -112,26 +107,9 @@ def read_runs(configs, runs_dir, name="eval.csv", columns=EVAL_COLUMNS):
     columns : sequence of str
         Columns it must have.
     """
-    from rlihf_lib.rl.sweep import is_done  # imports Dask, so only when asked
-
     frames = []
     for config in configs:
-        path = runs_dir / config.run_id / name
-        if not is_done(config, runs_dir):
-            raise FileNotFoundError(
-                f"{path.parent} is missing or made from another config; "
-                "train it with notebook 03_policy_training or 05_whf_ablation (--only 03 05)"
-            )
-        frame = pd.read_csv(path, float_precision="round_trip")
-        missing = [column for column in columns if column not in frame.columns]
-        if missing:
-            raise ValueError(f"{path} lacks the column(s) {', '.join(missing)}; delete the run")
-        broken = frame["return"].isna() | frame["success"].isna()
-        if "episodes" in frame:
-            broken &= frame["episodes"] > 0
-        if broken.any():
-            line = frame.index[broken][0] + 2
-            raise ValueError(f"{path}, line {line}: return or success is empty; delete the run")
+        frame = read_run(config, runs_dir, name, columns)
         named = {
             "run": config.run_id, "group": group_of(config), "person": person_of(config.subject),
             "condition": config.condition, "subject": config.subject, "w_hf": config.w_hf,

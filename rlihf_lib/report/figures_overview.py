@@ -8,7 +8,12 @@ from matplotlib.figure import Figure
 from rlihf_lib.report.figures_policy import group_curve
 from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note
 
-TITLES = ("A person watches  →", "the brain answers  →", "a decoder rewards  →", "the robot learns  ↺")
+TITLES = (
+    "A person watches  →",
+    "the brain answers  →",
+    "a decoder rewards  →",
+    "the robot learns  ↺",
+)
 
 
 def overview_figure(scene, waves, p_error, runs, caption="") -> Figure:

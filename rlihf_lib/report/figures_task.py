@@ -155,7 +155,7 @@ def paths_figure(env, recordings, caption):
     ----------
     env : PickPlaceEnv
         Reset to the placement of the recordings.
-    recordings : dict of str to list of rlihf_lib.rl.replay.Recording
+    recordings : dict of str to list of rlihf_lib.rl.evaluation.Recording
         Of each condition, one per run, all of the same placement.
     caption : str
 

@@ -162,7 +162,7 @@ def save_film(recording, study, name, notebook, sources):
 
     Parameters
     ----------
-    recording : rlihf_lib.rl.replay.Recording
+    recording : rlihf_lib.rl.evaluation.Recording
 
     Returns
     -------

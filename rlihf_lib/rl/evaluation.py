@@ -1,54 +1,121 @@
-"""Rollouts of the deterministic policy and the metrics of each episode."""
+"""The one rollout loop, and what is made of rollouts: evaluations, moments, films.
+
+Whoever acts, a policy or a script, is a function `act(env) -> action` of the environment's present
+state; a policy looks at `env.observation` only.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from safetensors.torch import load_file
+from stable_baselines3 import SAC
 
 from rlihf_lib.rl.rewards import PLACED, evaluation_reward
+from rlihf_lib.rl.runs import SACSettings
+from rlihf_lib.rl.sac import make_sac
+from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.moment import Moment
+
+EVALUATION_SEEDS = 1_000_000  # placements from here on are never trained on
+Act = Callable[[Any], np.ndarray]
 
 
-def rollout(env, act, seed):
-    """Run one episode and judge it by the unified evaluation reward.
+def rollout(env: gym.Env, act: Act, seed: int) -> Iterator[tuple]:
+    """Run one episode from the placement of a seed.
 
-    Parameters
-    ----------
-    env : PickPlaceEnv
-    act : callable
-        Observation (n,) -> action (4,).
-    seed : int
-        Of the placement.
-
-    Returns
-    -------
-    dict
-        return (sum over the horizon; steps left after success count `PLACED` each), success,
-        path_efficiency, path_deviation (m), collisions, min_clearance (m), completed, steps.
+    Yields
+    ------
+    tuple
+        Per step what `env.step` returns: observation, reward, terminated, truncated, info.
     """
-    observation, _ = env.reset(seed=seed)
-    total, done = 0.0, False
-    while not done:
-        observation, _, terminated, truncated, info = env.step(act(observation))
-        total += evaluation_reward(info["moment"], env.path)
-        done = terminated or truncated
-    metrics = info["metrics"]
-    if metrics["success"]:
-        total += PLACED * (env.horizon - metrics["steps"])
-    return {"return": total, **metrics}
+    env.reset(seed=seed)
+    over = False
+    while not over:
+        step = env.step(act(env.unwrapped))
+        over = step[2] or step[3]
+        yield step
 
 
-def evaluate(env, model, seeds):
-    """Roll the deterministic policy out once per seed.
-
-    Parameters
-    ----------
-    env : PickPlaceEnv
-    model : stable_baselines3.SAC
-    seeds : iterable of int
-        Placements, none of which is used in training.
+def evaluate(env: PickPlaceEnv, act: Act, seeds: Iterable[int]) -> list[dict[str, float]]:
+    """Run one episode per seed and judge it by the unified evaluation reward.
 
     Returns
     -------
     list of dict
-        One per rollout, as `rollout` gives them, numbered by `rollout`.
+        Per episode: rollout, its number; return, summed over the horizon, where steps left after
+        success count `PLACED` each; and `PickPlaceEnv.metrics`: success, path_efficiency,
+        path_deviation (m), collisions, min_clearance (m), completed, steps.
     """
+    rows = []
+    for number, seed in enumerate(seeds):
+        total = 0.0
+        for *_, info in rollout(env, act, seed):
+            total += evaluation_reward(info["moment"], env.path)
+        metrics = info["metrics"]
+        if metrics["success"]:
+            total += PLACED * (env.horizon - metrics["steps"])
+        rows.append({"rollout": number, "return": total, **metrics})
+    return rows
 
-    def act(observation):
-        return model.predict(observation, deterministic=True)[0]
 
-    return [{"rollout": i, **rollout(env, act, seed)} for i, seed in enumerate(seeds)]
+def watch(env: gym.Env, act: Act, seed: int, steps: int) -> tuple[list[Moment], bool]:
+    """Return an episode's moments, `steps` at most, and whether it terminated within them."""
+    taken = list(islice(rollout(env, act, seed), steps))
+    return [info["moment"] for *_, info in taken], taken[-1][2]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One rollout: states before the first step and after each, n in all."""
+
+    hand: np.ndarray  # positions, metres, shape (n, 3)
+    can: np.ndarray  # positions of its centre, metres, shape (n, 3)
+    qpos: np.ndarray  # generalised positions, shape (n, nq), for `task.rendering.film`
+    seed: int  # of the placement
+    success: bool  # whether the can was placed
+
+
+def record(env: PickPlaceEnv, act: Act, seed: int) -> Recording:
+    """Run one episode and keep what a film or a drawing of its path needs."""
+    states = []
+
+    def look(env):
+        states.append((env.controller.hand.copy(), env.body("can"), env.data.qpos.copy()))
+
+    def act_and_look(env):
+        look(env)
+        return act(env)
+
+    *_, (*_, info) = rollout(env, act_and_look, seed)
+    look(env)
+    hand, can, qpos = (np.array(part) for part in zip(*states, strict=True))
+    return Recording(hand, can, qpos, seed, info["is_success"])
+
+
+def policy_of(model: SAC) -> Act:
+    """Return a learner's deterministic policy."""
+    return lambda env: model.predict(env.observation, deterministic=True)[0]
+
+
+def load_policy(folder: str | Path, env: PickPlaceEnv) -> Act:
+    """Return the deterministic policy of a finished run, by its folder.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the run is not there.
+    """
+    folder = Path(folder)
+    for name in ("config.json", "actor.safetensors"):
+        if not (folder / name).is_file():
+            raise FileNotFoundError(f"{folder / name} is missing; train the run with notebook 03")
+    settings = json.loads((folder / "config.json").read_text(encoding="utf-8"))["sac"]
+    model = make_sac(env, SACSettings(**settings), seed=0)
+    model.policy.actor.load_state_dict(load_file(folder / "actor.safetensors"))
+    return policy_of(model)

@@ -6,52 +6,41 @@ correct and error epochs, E[1 - p] = 1 - (1 - P) m0 - P m1. So returns are compu
 a single epoch, and what varies is the placement.
 """
 
+from collections.abc import Callable, Iterable, Sequence
+
 import numpy as np
 import pandas as pd
 from scipy import stats
 
-from rlihf_lib.rl.observer import OBSERVERS, rows_of
-from rlihf_lib.rl.rewards import alignment_reward, task_reward
-from rlihf_lib.task.expert import expert_action
-from rlihf_lib.task.exploiters import EXPLOITERS
+from rlihf_lib.rl.evaluation import watch
+from rlihf_lib.rl.feedback import rows_of
+from rlihf_lib.rl.observer import OBSERVERS, SURE_PROGRESS
+from rlihf_lib.rl.rewards import PROGRESS, alignment_reward, task_reward
+from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.moment import Moment
+from rlihf_lib.task.scripted import EXPLOITERS, expert_action
 
 HORIZON = 200  # steps that robots are watched
 STEADY = 50  # last steps of an unfinished episode, which are taken to go on for ever
-FULL_SPEED = 0.375  # dense reward of the progress that surely looks right, 15 mm a step
+FULL_SPEED = PROGRESS * SURE_PROGRESS  # dense reward of the progress that surely looks right
 
 
-def watch(env, act, seed, horizon=HORIZON):
-    """Roll a robot out and return its moments, and whether the episode terminated.
-
-    Parameters
-    ----------
-    env : PickPlaceEnv
-    act : callable
-        `env -> action`, shape (4,).
-    seed, horizon : int
-    """
-    env.reset(seed=seed)
-    moments, terminated = [], False
-    while not terminated and len(moments) < horizon:
-        *_, terminated, _, info = env.step(act(env))
-        moments.append(info["moment"])
-    return moments, terminated
+def play(env: PickPlaceEnv, seeds: Iterable[int]) -> dict[tuple[str, int], tuple]:
+    """Watch the expert and every exploiter: what `watch` returns, by robot and seed."""
+    robots = {act.__name__.removesuffix("_action"): act for act in (expert_action, *EXPLOITERS)}
+    return {
+        (name, seed): watch(env, act, seed, HORIZON)
+        for name, act in robots.items()
+        for seed in seeds
+    }
 
 
-def expected_feedback(moments, observer, p_error):
-    """Expected reward 1 - p(error) of each moment, and its standard deviation.
+def expected_feedback(
+    moments: Sequence[Moment], observer: Callable, p_error: pd.DataFrame
+) -> tuple[np.ndarray, np.ndarray]:
+    """Expected reward 1 - p(error) of each moment, and its standard deviation, shape (n,) each.
 
-    Parameters
-    ----------
-    moments : sequence of Moment
-    observer : callable
-        `moment -> P(wrong)`.
-    p_error : DataFrame
-        The subject's rows, columns label and p_error.
-
-    Returns
-    -------
-    mean, sd : ndarray, shape (n,)
+    `p_error` are the subject's rows (`rlihf_lib.rl.feedback`).
     """
     wrong = np.array([observer(moment) for moment in moments])
     by_class = p_error.groupby("label")["p_error"]
@@ -61,21 +50,13 @@ def expected_feedback(moments, observer, p_error):
     return 1 - mean, np.sqrt(np.maximum(square - mean**2, 0))
 
 
-def discounted_returns(rewards, terminated, discount, horizon=HORIZON):
-    """Discounted return from every step on; what ends an episode goes on for ever.
+def discounted_returns(
+    rewards: Iterable[float], terminated: bool, discount: float, horizon: int = HORIZON
+) -> np.ndarray:
+    """Discounted return from every step on, (horizon,); what ends an episode goes on for ever.
 
-    Parameters
-    ----------
-    rewards : ndarray, shape (n,)
-        The last one of a terminated episode is paid for all that follows.
-    terminated : bool
-    discount : float
-    horizon : int
-        Steps in all; those after the end have the return of the end.
-
-    Returns
-    -------
-    ndarray, shape (horizon,)
+    The last reward of a terminated episode is paid for all that follows. Steps after the end have
+    the return of the end.
     """
     rewards = list(rewards)
     later = rewards.pop() if terminated else np.mean(rewards[-STEADY:]) / (1 - discount)
@@ -86,36 +67,10 @@ def discounted_returns(rewards, terminated, discount, horizon=HORIZON):
     return np.array((returns + horizon * [later])[:horizon])
 
 
-def play(env, seeds):
-    """Watch the expert and every exploiter, once per placement.
-
-    Parameters
-    ----------
-    env : PickPlaceEnv
-    seeds : iterable of int
-        Placements.
-
-    Returns
-    -------
-    dict
-        (robot, seed) -> what `watch` returns.
-    """
-    robots = {act.__name__.removesuffix("_action"): act for act in (expert_action, *EXPLOITERS)}
-    return {(name, seed): watch(env, act, seed) for name, act in robots.items() for seed in seeds}
-
-
-def expected_returns(played, observer, p_error, w_hf, discount):
-    """Judge robots by human feedback.
-
-    Parameters
-    ----------
-    played : dict
-        From `play`.
-    observer : callable
-        `moment -> P(wrong)`.
-    p_error : DataFrame
-        Rows of one subject.
-    w_hf, discount : float
+def expected_returns(
+    played: dict, observer: Callable, p_error: pd.DataFrame, w_hf: float, discount: float
+) -> pd.DataFrame:
+    """Judge the robots of `play` by the feedback that one subject's rows give.
 
     Returns
     -------
@@ -135,14 +90,8 @@ def expected_returns(played, observer, p_error, w_hf, discount):
     return pd.DataFrame(rows, columns=["robot", "seed", "from_start", "average", "noise"])
 
 
-def margin(returns, discount):
+def margin(returns: pd.DataFrame, discount: float) -> dict:
     """How far the expert is ahead of the best exploiter, in units of the feedback's noise.
-
-    Parameters
-    ----------
-    returns : DataFrame
-        From `expected_returns`, several placements.
-    discount : float
 
     Returns
     -------
@@ -169,23 +118,10 @@ def margin(returns, discount):
     }  # fmt: skip
 
 
-def margins(played, p_error, people, w_hf, discount):
-    """How far the expert is ahead with each person's decoder and each observer.
-
-    Parameters
-    ----------
-    played : dict
-        From `play`.
-    p_error : DataFrame
-        Of all people.
-    people : sequence of str
-    w_hf, discount : float
-
-    Returns
-    -------
-    DataFrame
-        A row per person and observer: subject, observer, and what `margin` returns.
-    """
+def margins(
+    played: dict, p_error: pd.DataFrame, people: Sequence[str], w_hf: float, discount: float
+) -> pd.DataFrame:
+    """Return a row per person and observer: subject, observer, and what `margin` returns."""
     rows = []
     for subject in people:
         own = rows_of(p_error, subject)
@@ -195,20 +131,11 @@ def margins(played, p_error, people, w_hf, discount):
     return pd.DataFrame(rows)
 
 
-def explained_by_dense(moments, observer):
+def explained_by_dense(moments: Sequence[Moment], observer: Callable) -> float:
     """Share of the variance of P(right) that the engineer's reward explains (R squared).
 
-    Parameters
-    ----------
-    moments : sequence of Moment
-    observer : callable
-        `moment -> P(wrong)`.
-
-    Returns
-    -------
-    float
-        Squared correlation with the dense reward, cut off where progress surely looks right, and
-        0 for collisions. NaN where one of the two never varies.
+    Squared correlation with the dense reward, cut off where progress surely looks right, and 0 for
+    collisions. NaN where one of the two never varies.
     """
     dense = [
         0.0 if moment.collided else min(alignment_reward(moment), FULL_SPEED) for moment in moments
@@ -219,18 +146,7 @@ def explained_by_dense(moments, observer):
     return float(np.corrcoef(dense, right)[0, 1] ** 2)
 
 
-def explained_sentence(observer, values):
-    """Say in a sentence how much of an observer's judgement the dense reward explains.
-
-    Parameters
-    ----------
-    observer : str
-    values : Series
-        From `explained_by_dense`, by robot; those without a value are left out.
-
-    Returns
-    -------
-    str
-    """
+def explained_sentence(observer: str, values: pd.Series) -> str:
+    """Say in a sentence what `explained_by_dense` found, by robot, of the observer of a name."""
     each = ", ".join(f"{value:.0%} ({robot})" for robot, value in values.dropna().items())
     return f"The dense reward explains {each} of what the {observer} observer takes for right."

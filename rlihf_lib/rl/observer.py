@@ -22,7 +22,7 @@ import math
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.files import sha256
+from rlihf_lib.task.moment import Moment
 
 SURE_PROGRESS = 0.015  # metres gained in one step of 0.1 s: half the full speed
 UNEASY_CLEARANCE = 0.02  # metres between hand or held can and an obstacle: too close
@@ -30,24 +30,16 @@ AT_EASE_CLEARANCE = 0.05  # metres from which on nobody minds
 ASKEW = math.radians(30)  # tilt of the can that looks wrong to a lay person
 
 
-def comfort(clearance):
+def comfort(clearance: float) -> float:
     """How much at ease people are with a clearance, metres: 0 at 2 cm to 1 at 5 cm."""
     share = (clearance - UNEASY_CLEARANCE) / (AT_EASE_CLEARANCE - UNEASY_CLEARANCE)
     return min(max(share, 0.0), 1.0)
 
 
-def path_observer(moment):
+def path_observer(moment: Moment) -> float:
     """Probability that somebody who knows the ideal path perceives an error in a control step.
 
-    Parameters
-    ----------
-    moment : rlihf_lib.task.gym_env.Moment
-        What can be seen of the step.
-
-    Returns
-    -------
-    float
-        In [0, 1]; falls linearly with the ground gained, rises with closeness to obstacles.
+    It falls linearly with the ground gained, and rises with closeness to obstacles.
     """
     if moment.success:
         return 0.0
@@ -57,7 +49,7 @@ def path_observer(moment):
     return 1.0 - progress * comfort(moment.clearance)
 
 
-def lay_observer(moment):
+def lay_observer(moment: Moment) -> float:
     """Probability that a lay person perceives an error in a control step; see `path_observer`."""
     if moment.success:
         return 0.0
@@ -76,8 +68,7 @@ class Observer:
     Parameters
     ----------
     p_error : DataFrame
-        Decoded held-out epochs of one subject, columns `epoch`, `label` (1 = error) and `p_error`
-        in [0, 1].
+        Rows of one subject (`rlihf_lib.rl.feedback`).
     rng : numpy.random.Generator
         Draws what is perceived, and the epochs.
     looks_wrong : callable
@@ -90,14 +81,9 @@ class Observer:
     ----------
     errors_seen : int
         Moments that looked wrong so far.
-
-    Raises
-    ------
-    ValueError
-        If one of the two classes has no epoch.
     """
 
-    def __init__(self, p_error, rng, looks_wrong=path_observer, decode=None):
+    def __init__(self, p_error: pd.DataFrame, rng, looks_wrong=path_observer, decode=None):
         self._p, self._epochs = p_error["p_error"].to_numpy(), p_error["epoch"].to_numpy()
         self._rows = [np.flatnonzero(p_error["label"] == label) for label in (0, 1)]
         for label, name in enumerate(("correct", "error")):
@@ -108,13 +94,13 @@ class Observer:
         self._rng, self._looks_wrong, self._decode = rng, looks_wrong, decode
         self.errors_seen = 0
 
-    def watch(self, moment, n=1):
+    def watch(self, moment: Moment, n: int = 1) -> np.ndarray:
         """Answer a moment that lasts for `n` control steps, Eq. (3).
 
         Returns
         -------
-        p_error : ndarray, shape (n,)
-            Of epochs of the class that the moment evokes.
+        ndarray, shape (n,)
+            p(error) of epochs of the class that the moment evokes.
         """
         wrong = int(self._rng.random() < self._looks_wrong(moment))
         self.errors_seen += wrong
@@ -124,90 +110,3 @@ class Observer:
         if self._decode is None:
             return self._p[rows]
         return np.array([self._decode(epoch) for epoch in self._epochs[rows]])
-
-
-def rows_of(p_error, subject):
-    """Pick a subject's rows: all that a run may see of the p(error) table.
-
-    Raises
-    ------
-    ValueError
-        If there is no table, or it has no row of the subject.
-    """
-    known = [] if p_error is None else sorted(set(p_error["subject"]))
-    if subject not in known:
-        raise ValueError(
-            f"subject {subject!r} is not in the p(error) table (there: "
-            f"{', '.join(known) or 'none'}); decode it first with notebook 02"
-        )
-    return p_error[p_error["subject"] == subject].reset_index(drop=True)
-
-
-def p_error_sha256(p_error, subject):
-    """Hash the rows a run draws its feedback from: epoch, label and p_error of one subject.
-
-    Raises
-    ------
-    ValueError
-        If the table has no row of the subject.
-    """
-    rows = rows_of(p_error, subject)[["epoch", "label", "p_error"]]
-    return sha256(rows.to_csv(index=False, lineterminator="\n"))
-
-
-def check_feedback(configs, p_error):
-    """Check that the p(error) table holds the very rows that the configs name.
-
-    Parameters
-    ----------
-    configs : iterable of RunConfig
-    p_error : DataFrame or None
-
-    Raises
-    ------
-    ValueError
-        If a subject is missing or its rows have another hash.
-    """
-    named = {(config.subject, config.p_error_sha256) for config in configs if config.subject}
-    for subject, digest in sorted(named):
-        if p_error_sha256(p_error, subject) != digest:
-            raise ValueError(
-                f"the p(error) rows of {subject} are not those that the config names by hash; "
-                "make the configs from the table that is used (`Study.run_configs`), "
-                "or write the table anew with notebook 02"
-            )
-
-
-def perfect_table():
-    """Return the p(error) table of an ideal decoder, p = label."""
-    return pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.0, 1.0]})
-
-
-def with_controls(p_error, person, seed=0):
-    """Add an ideal decoder's table, and a person's without what it says.
-
-    Parameters
-    ----------
-    p_error : DataFrame
-        Of decoded people.
-    person : str
-        One of them.
-    seed : int
-        Of the shuffling.
-
-    Returns
-    -------
-    DataFrame
-        `p_error` with further subjects: "ideal", p = label; "<person>-mean", every p(error)
-        replaced by the person's mean; "<person>-shuffled", p(error) permuted over the epochs, so
-        that both classes answer alike.
-    """
-    rows = rows_of(p_error, person)
-    shuffled = np.random.default_rng(seed).permutation(rows["p_error"].to_numpy())
-    controls = {
-        "ideal": perfect_table(),
-        f"{person}-mean": rows.assign(p_error=rows["p_error"].mean()),
-        f"{person}-shuffled": rows.assign(p_error=shuffled),
-    }
-    named = (table.assign(subject=name) for name, table in controls.items())
-    return pd.concat([p_error, *named], ignore_index=True)

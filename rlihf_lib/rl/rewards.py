@@ -11,31 +11,29 @@ keep away from a can that may fall over.
 import gymnasium as gym
 import numpy as np
 
+from rlihf_lib.task.moment import Moment
+
 PLACED = 1.0
 COLLISION = -2.0  # at -0.5, pilots placed the can sooner by going through the obstacles
 PROGRESS = 25.0  # per metre of remaining path
 EVALUATED_COLLISION = -0.5  # per step, of an evaluation whose other terms lie between 0 and 1
+EVALUATED_ALIGNMENT = 0.25  # of having followed the whole ideal path
+NEAR_PATH = 0.1  # metres from the ideal path at which alignment has fallen to 1/e
 AFTERWARDS = 100  # steps after which, discounted, feedback no longer matters
 
 
-def task_reward(moment, discount):
+def task_reward(moment: Moment, discount: float) -> float:
     """Sparse reward: success, and a penalty for each step in collision with an obstacle.
-
-    Parameters
-    ----------
-    moment : Moment
-    discount : float
-        Of the learner, in [0, 1).
 
     Returns
     -------
     float
-        -2, 0 or 1 / (1 - discount).
+        -2, 0 or 1 / (1 - discount), with the learner's discount in [0, 1).
     """
     return PLACED / (1 - discount) * moment.success + COLLISION * moment.collided
 
 
-def alignment_reward(moment):
+def alignment_reward(moment: Moment) -> float:
     """Engineered reward for following the ideal path: new ground made along it.
 
     Progress is counted from the least remaining path of the episode, so that going round in circles
@@ -44,10 +42,6 @@ def alignment_reward(moment):
     1999), a step ahead is worth only 1 - discount of itself to a policy that would come back: a
     pilot carried the can half-way to the goal and parked there for 20,000 steps. Paid as a level, 0
     to 0.8 for the state reached, pilots lifted the can and carried it no further.
-
-    Parameters
-    ----------
-    moment : Moment
 
     Returns
     -------
@@ -61,30 +55,25 @@ def alignment_reward(moment):
 REWARDS = {"path": alignment_reward}
 
 
-def errp_reward(p_error):
+def errp_reward(p_error: np.ndarray) -> np.ndarray:
     """Implicit human feedback, Eq. (4): r = 1 - p(error).
 
     Parameters
     ----------
-    p_error : float or ndarray
+    p_error : ndarray, shape (n,), or float
         Decoded probability, in [0, 1], that the observer perceived an error.
 
     Returns
     -------
-    float or ndarray
+    ndarray, shape (n,), or float
         Reward in [0, 1]. Never negative: see `notebooks/03` on what that does where success ends
         an episode.
     """
     return 1.0 - p_error
 
 
-def evaluation_reward(moment, path):
-    """Unified reward of the evaluation: success, collisions, alignment with the ideal path.
-
-    Parameters
-    ----------
-    moment : Moment
-    path : IdealPath
+def evaluation_reward(moment: Moment, path) -> float:
+    """Unified reward of the evaluation: success, collisions, alignment with the `IdealPath`.
 
     Returns
     -------
@@ -95,7 +84,7 @@ def evaluation_reward(moment, path):
     if moment.success:
         return PLACED
     completed = np.clip(1 - moment.remaining / path.start_remaining, 0, 1)
-    aligned = 0.25 * completed * np.exp(-moment.deviation / 0.1)
+    aligned = EVALUATED_ALIGNMENT * completed * np.exp(-moment.deviation / NEAR_PATH)
     return float(aligned + EVALUATED_COLLISION * moment.collided)
 
 
@@ -120,12 +109,11 @@ class TrainingReward(gym.Wrapper):
         self, env, condition, discount, w_hf=0.0, observer=None, engineered=alignment_reward
     ):
         super().__init__(env)
-        self.engineered = engineered
         self.condition, self.discount = condition, discount
-        self.w_hf, self.observer = w_hf, observer
+        self.w_hf, self.observer, self.engineered = w_hf, observer, engineered
         self._discounts = discount ** np.arange(AFTERWARDS)
 
-    def step(self, action):
+    def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; the reward is r_task plus that of the condition."""
         observation, _, terminated, truncated, info = self.env.step(action)
         moment = info["moment"]

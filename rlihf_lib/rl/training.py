@@ -1,4 +1,4 @@
-"""One run: config in, run folder out."""
+"""One run: config in, the files of its folder out."""
 
 import importlib.metadata
 import os
@@ -11,34 +11,35 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import save
 from stable_baselines3.common.callbacks import BaseCallback
 
-from rlihf_lib.files import atomic_path, canonical_json, write_csv, write_text
-from rlihf_lib.rl.evaluation import evaluate
-from rlihf_lib.rl.observer import OBSERVERS, Observer, check_feedback, rows_of
+from rlihf_lib.files import canonical_json
+from rlihf_lib.rl.evaluation import EVALUATION_SEEDS, evaluate, policy_of
+from rlihf_lib.rl.feedback import check_feedback, rows_of
+from rlihf_lib.rl.observer import OBSERVERS, Observer
 from rlihf_lib.rl.rewards import REWARDS, TrainingReward
-from rlihf_lib.rl.sac import make_sac
+from rlihf_lib.rl.runs import RunConfig
+from rlihf_lib.rl.sac import FastSAC, make_sac
 from rlihf_lib.task.gym_env import PickPlaceEnv
 
 LOG_EVERY = 1_000  # steps of training that a row of train.csv sums up
 EPISODE_METRICS = ("success", "completed", "collisions", "min_clearance", "steps")
-#: Of train.csv: means over the episodes that ended in the window, the share of its steps that
-#: looked wrong to the observer, and three numbers of the update at its end (`FastSAC.learning`).
-TRAINING_COLUMNS = (
-    "step", "episodes", "return", *EPISODE_METRICS, "judged_wrong",
-    "critic_loss", "ent_coef", "mean_q",
-)  # fmt: skip
-EVALUATION_SEEDS = 1_000_000  # placements from here on are never trained on
+#: Of train.csv: means over the episodes that ended in the window, and the share of its steps that
+#: looked wrong to the observer; three numbers of the update at its end (`FastSAC.learning`).
+WINDOW_COLUMNS = ("step", "episodes", "return", *EPISODE_METRICS, "judged_wrong")
+LEARNING_COLUMNS = ("critic_loss", "ent_coef", "mean_q")
 
 
 class _Record(BaseCallback):
     """Sums up training every `LOG_EVERY` steps, and evaluates at regular intervals."""
 
-    def __init__(self, config, evaluation_env, observer, progress):
+    model: FastSAC
+
+    def __init__(self, config, observer, progress):
         super().__init__()
-        self.config, self.evaluation_env, self.progress = config, evaluation_env, progress
-        self.observer = observer
+        self.config, self.observer, self.progress = config, observer, progress
+        self.env = PickPlaceEnv(config.horizon)
         self.windows, self.episodes, self.evaluations = [], [], []
         self.episode_return, self.errors_seen, self.started = 0.0, 0, 0
 
@@ -67,40 +68,45 @@ class _Record(BaseCallback):
         self.windows.append({**window, **means})
         self.episodes, self.started = [], self.num_timesteps
 
-    def training_table(self):
-        """Training in windows of `LOG_EVERY` steps, with the update at the end of each."""
-        windows = pd.DataFrame(self.windows, columns=TRAINING_COLUMNS[:-3])
-        learning = pd.DataFrame(self.model.learning, columns=["step", *TRAINING_COLUMNS[-3:]])
-        table = windows.merge(learning, on="step", how="left")
-        # Single precision's digits say all there is.
-        return table.astype(dict.fromkeys(TRAINING_COLUMNS[2:], np.float32))
-
     def _evaluate(self):
         config = self.config
         point = self.num_timesteps // config.eval_every
         first = EVALUATION_SEEDS + 1_000 * (1_000 * config.seed + point)
         seeds = range(first, first + config.eval_rollouts)
-        rows = evaluate(self.evaluation_env, self.model, seeds)
+        rows = evaluate(self.env, policy_of(self.model), seeds)
         self.evaluations += [{"step": self.num_timesteps, **row} for row in rows]
         # Kept as evaluated: SB3 updates once more after the last step.
-        self.actor = {k: v.clone() for k, v in self.model.policy.actor.state_dict().items()}
+        self.actor = {k: v.clone() for k, v in self.model.actor.state_dict().items()}
         self.progress(self.num_timesteps)
 
+    def training_table(self):
+        """Training in windows of `LOG_EVERY` steps, with the update at the end of each."""
+        windows = pd.DataFrame(self.windows, columns=WINDOW_COLUMNS)
+        learning = pd.DataFrame(self.model.learning, columns=["step", *LEARNING_COLUMNS])
+        table = windows.merge(learning, on="step", how="left")
+        # Single precision's digits say all there is.
+        return table.astype(dict.fromkeys(table.columns[2:], np.float32))
 
-def train_run(config, folder, p_error=None, progress=lambda step: None, decode=None):
+
+def train_run(
+    config: RunConfig, p_error=None, progress=lambda step: None, decode=None
+) -> dict[str, bytes]:
     """Train and evaluate one policy; a pure function of its config and of `p_error`.
 
     Parameters
     ----------
-    config : RunConfig
-    folder : Path
-        Receives config.json, provenance.json, train.csv, eval.csv and actor.safetensors.
     p_error : DataFrame, optional
-        Columns subject, epoch, label, p_error; needed by condition "rlihf".
+        The p(error) table (`rlihf_lib.rl.feedback`); needed by condition "rlihf".
     progress : callable
         Called with the number of steps done after each evaluation.
     decode : callable, optional
         Decodes the feedback anew instead of looking it up; see `Observer`.
+
+    Returns
+    -------
+    dict of str to bytes
+        config.json, provenance.json, train.csv, eval.csv and actor.safetensors, which
+        `runs.write_run` puts in place.
 
     Raises
     ------
@@ -110,45 +116,49 @@ def train_run(config, folder, p_error=None, progress=lambda step: None, decode=N
     """
     started = time.perf_counter()
     torch.set_num_threads(1)
-    folder = Path(folder)
     # One stream per use, so that a change in one leaves the others as they were.
-    placement, observer_seed, learner = np.random.SeedSequence(config.seed).generate_state(3)
-    observer = None
-    if config.condition == "rlihf":
-        check_feedback([config], p_error)
-        looks_wrong = OBSERVERS.get(config.observer, config.observer)
-        rng = np.random.default_rng(observer_seed)
-        observer = Observer(rows_of(p_error, config.subject), rng, looks_wrong, decode)
-    env = TrainingReward(
-        PickPlaceEnv(config.horizon, config.patience),
-        config.condition,
-        config.sac.discount,
-        config.w_hf,
-        observer,
-        REWARDS.get(config.reward, config.reward),
-    )
+    placement, watching, learning = np.random.SeedSequence(config.seed).generate_state(3)
+    observer = _observer(config, p_error, watching, decode)
+    env = _environment(config, observer)
     env.reset(seed=int(placement % EVALUATION_SEEDS))
-    model = make_sac(env, config.sac, int(learner), LOG_EVERY)
-    record = _Record(config, PickPlaceEnv(config.horizon), observer, progress)
+    model = make_sac(env, config.sac, int(learning), LOG_EVERY)
+    record = _Record(config, observer, progress)
     model.learn(config.total_steps, callback=record)
-    with atomic_path(folder / "actor.safetensors") as path:
-        save_file(record.actor, path)
-    write_text(
-        folder / "config.json",
-        canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",
-    )
-    write_csv(folder / "train.csv", record.training_table())
-    write_csv(folder / "eval.csv", pd.DataFrame(record.evaluations))
     provenance = {
-        **environment(),
+        **_provenance(),
         "wall_seconds": round(time.perf_counter() - started, 1),
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
         "errors_seen": observer.errors_seen if observer else 0,
     }
-    write_text(folder / "provenance.json", canonical_json(provenance) + "\n")
+    texts = {
+        "config.json": canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",
+        "provenance.json": canonical_json(provenance) + "\n",
+        "train.csv": record.training_table().to_csv(index=False, lineterminator="\n"),
+        "eval.csv": pd.DataFrame(record.evaluations).to_csv(index=False, lineterminator="\n"),
+    }
+    files = {name: text.encode() for name, text in texts.items()}
+    return {**files, "actor.safetensors": save(record.actor)}
 
 
-def environment():
+def _observer(config, p_error, seed, decode):
+    """The person who watches the run, with the subject's epochs; None without feedback."""
+    if not config.subject:
+        return None
+    check_feedback([config], p_error)
+    looks_wrong = OBSERVERS.get(config.observer, config.observer)
+    rng = np.random.default_rng(seed)
+    return Observer(rows_of(p_error, config.subject), rng, looks_wrong, decode)
+
+
+def _environment(config, observer):
+    """The task with the reward of the run's condition."""
+    task = PickPlaceEnv(config.horizon, config.patience)
+    reward = REWARDS.get(config.reward, config.reward)
+    discount = config.sac.discount
+    return TrainingReward(task, config.condition, discount, config.w_hf, observer, reward)
+
+
+def _provenance():
     """Versions and machine a result was computed with."""
     packages = ("rlihf_lib", "torch", "stable-baselines3", "robosuite", "mujoco", "numpy")
     here = Path(__file__).parents[1]

@@ -1,75 +1,65 @@
 """Who touches whom, and how near hand and held can come to the obstacles."""
 
+from typing import NamedTuple
+
 import mujoco
 import numba
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from rlihf_lib.task.mujoco_c import mj_geomDistance
-from rlihf_lib.task.workspace import OBSTACLES
+from rlihf_lib.task.workspace import OBSTACLES, Workspace
 
 CLEARANCE_RANGE = 0.15  # metres beyond which clearance isn't measured
 NATIVE_CCD_OFF = int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
+CAN, OBSTACLE, ROBOT, THUMB, FINGER = 1, 2, 4, 8, 16  # what a geom belongs to, one bit each
+
+
+class Touch(NamedTuple):
+    """Who touches whom."""
+
+    can: bool  # whether the robot touches the can
+    pinched: bool  # whether thumb and an opposing finger do
+    collided: bool  # whether hand, arm or a can that is touched touches an obstacle
 
 
 class Contacts:
-    """Contacts and distances of a workspace, by what its geoms belong to.
+    """Contacts and distances of a workspace, by what its geoms belong to."""
 
-    Parameters
-    ----------
-    workspace : Workspace
-    """
-
-    def __init__(self, workspace):
-        self._model, self._data = workspace.sim.model._model, workspace.sim.data._data
-        model, geom_ids = self._model, workspace.geom_ids
+    def __init__(self, workspace: Workspace):
+        model = self._model = workspace.sim.model._model
+        self._data = workspace.sim.data._data
         names = [model.geom(g).name for g in range(model.ngeom)]
-        self._is_can = np.isin(np.arange(model.ngeom), geom_ids["can"])
-        self._is_obstacle = np.zeros(model.ngeom, bool)
+        self._parts = np.array([_parts(name) for name in names])
+        self._parts[workspace.geom_ids["can"]] |= CAN
         for name in OBSTACLES:
-            self._is_obstacle[geom_ids[name]] = True
-        self._is_thumb = np.array(["_thumb_" in n for n in names])
-        self._is_finger = np.array(["_index_" in n or "_pinky_" in n for n in names])
-        self._is_robot = np.array([n.startswith(("robot0", "gripper0")) for n in names])
-        self.obstacles = np.flatnonzero(self._is_obstacle)
+            self._parts[workspace.geom_ids[name]] |= OBSTACLE
+        self.obstacles = np.flatnonzero(self._parts & OBSTACLE)
         solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
-        in_hand = np.array([n.startswith("gripper0") for n in names])
+        in_hand = np.array([name.startswith("gripper0") for name in names])
         self.hand = np.flatnonzero(in_hand & solid)
-        self.hand_and_can = np.append(self.hand, geom_ids["can"])
+        self.hand_and_can = np.append(self.hand, workspace.geom_ids["can"])
         self._is_box = model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
         self._boxes = [
             (a, b) for a in self.hand for b in self.obstacles if self._is_box[[a, b]].all()
         ]
 
-    def touching(self):
-        """Tell whether the robot, its thumb and its other fingers touch the can, and collisions.
+    def touching(self) -> Touch:
+        """Tell who touches the can, and whether anything collides."""
+        can, obstacle = _touched(self._data.contact.geom, self._parts)
+        touched = bool(can & ROBOT)
+        return Touch(
+            can=touched,
+            pinched=bool(can & THUMB and can & FINGER),
+            collided=bool(obstacle & ROBOT or (obstacle & CAN and touched)),
+        )
 
-        Returns
-        -------
-        can, thumb, finger, collided : bool
-            `collided`: hand, arm or a can that is touched touches an obstacle.
-        """
-        return _touches(
-            self._data.contact.geom,
-            self._is_can, self._is_obstacle, self._is_thumb, self._is_finger, self._is_robot,
-        )  # fmt: skip
-
-    def clearance(self, held):
-        """Distance between the hand, or the can it holds, and the nearest obstacle.
+    def clearance(self, held: bool) -> float:
+        """Metres, 0 to `CLEARANCE_RANGE`, from the hand or the can it holds to the next obstacle.
 
         Asked of MuJoCo's native collision code, exact to 0.1 mm. The simulation's contacts are left
         to libccd, which takes half as long, and whose distances depend on the order of asking and
         are low by up to 9 cm.
-
-        Parameters
-        ----------
-        held : bool
-            Whether the can counts.
-
-        Returns
-        -------
-        float
-            Metres, from 0 (touching) to `CLEARANCE_RANGE`.
         """
         option, flags = self._model.opt, self._model.opt.disableflags
         option.disableflags = flags & ~NATIVE_CCD_OFF
@@ -93,20 +83,24 @@ class Contacts:
         return float(np.linalg.norm(nearest.fun))
 
 
+def _parts(name):
+    """Bits of the robot's parts that a geom of this name belongs to."""
+    finger = "_index_" in name or "_pinky_" in name
+    robot = name.startswith(("robot0", "gripper0"))
+    return ROBOT * robot | THUMB * ("_thumb_" in name) | FINGER * finger
+
+
 @numba.njit(cache=True)
-def _touches(pairs, is_can, is_obstacle, is_thumb, is_finger, is_robot):
-    """What `touching` returns, of pairs of geoms, int array (n, 2)."""
-    touching = thumb = finger = robot_hits = can_hits = False
+def _touched(pairs, parts):
+    """Bits of all that touches the can, and an obstacle, by pairs of geoms, int array (n, 2)."""
+    can = obstacle = 0
     for i in range(len(pairs)):
         for a, b in ((pairs[i, 0], pairs[i, 1]), (pairs[i, 1], pairs[i, 0])):
-            if is_can[a]:
-                touching |= is_robot[b]
-                thumb |= is_thumb[b]
-                finger |= is_finger[b]
-            if is_obstacle[a]:
-                robot_hits |= is_robot[b]
-                can_hits |= is_can[b]
-    return touching, thumb, finger, robot_hits or (can_hits and touching)
+            if parts[a] & CAN:
+                can |= parts[b]
+            if parts[a] & OBSTACLE:
+                obstacle |= parts[b]
+    return can, obstacle
 
 
 @numba.njit(cache=True)

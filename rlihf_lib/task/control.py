@@ -16,6 +16,7 @@ import numpy as np
 from robosuite.utils.transform_utils import mat2quat, quat2axisangle
 
 from rlihf_lib.task.mujoco_c import mj_comPos, mj_fullM, mj_jacSite, mj_kinematics, mj_step
+from rlihf_lib.task.workspace import CONTROL_FREQUENCY, Workspace
 
 HAND_SITE = "gripper0_right_grip_site"
 STIFFNESS = 150.0  # 1/s^2, robosuite's default kp
@@ -32,26 +33,32 @@ TORQUE_PERIOD = 2  # physics steps between two torque computations
 class Target(NamedTuple):
     """What the arm is pulled towards."""
 
-    position: np.ndarray
-    """Of the hand, metres, (3,)."""
-    orientation: np.ndarray
-    """Of the hand, (3, 3)."""
-    angles: np.ndarray
-    """Of the joints, rad, (7,): where the null space returns to."""
+    position: np.ndarray  # of the hand, metres, (3,)
+    orientation: np.ndarray  # of the hand, (3, 3)
+    angles: np.ndarray  # of the joints, rad, (7,): where the null space returns to
+
+
+class Arm(NamedTuple):
+    """The arm's present state: views of the simulation's memory, but jacobian and mass computed."""
+
+    position: np.ndarray  # of the hand, metres, (3,)
+    orientation: np.ndarray  # of the hand, (3, 3)
+    angles: np.ndarray  # of the joints, rad, (7,)
+    velocities: np.ndarray  # of the joints, rad/s, (7,)
+    bias: np.ndarray  # gravity and Coriolis torques, N m, (7,)
+    jacobian: np.ndarray  # of the hand, (6, 7): rows 0-2 translation, 3-5 rotation
+    mass: np.ndarray  # joint-space inertia, kg m^2, (7, 7)
 
 
 class Memory(NamedTuple):
-    """Views of the simulation's memory, and room for what is computed from it."""
+    """What a control step works on: views of the simulation's memory, and room for results."""
 
-    ctrl: np.ndarray
-    qpos: np.ndarray
-    qvel: np.ndarray
-    bias: np.ndarray
-    inertia: np.ndarray
-    hand: np.ndarray
-    orientation: np.ndarray
-    jacobian: np.ndarray
-    mass: np.ndarray
+    arm: Arm
+    torques: np.ndarray  # commanded, N m, (7,)
+    limits: np.ndarray  # lowest and highest torques, N m, (2, 7)
+    inertia: np.ndarray  # as MuJoCo stores it, sparse
+    jacobian: np.ndarray  # of all joints, (6, nv)
+    mass: np.ndarray  # of all joints, (nv, nv)
 
 
 @numba.njit(cache=True)
@@ -66,57 +73,33 @@ def _orientation_error(goal, current):
 
 
 @numba.njit(cache=True)
-def operational_space_torques(target, hand, orientation, jacobian, mass, bias, q, dq):
-    """Joint torques that pull the hand to a goal pose (robosuite's `OSC_POSE`, Khatib 1987).
-
-    Parameters
-    ----------
-    target : Target
-    hand : ndarray, shape (3,)
-        Position of the hand, metres.
-    orientation : ndarray, shape (3, 3)
-        Of the hand.
-    jacobian : ndarray, shape (6, 7)
-        Of the hand: rows 0-2 translation, 3-5 rotation.
-    mass : ndarray, shape (7, 7)
-        Joint-space inertia, kg m^2.
-    bias : ndarray, shape (7,)
-        Gravity and Coriolis torques, N m.
-    q, dq : ndarray, shape (7,)
-        Joint angles (rad) and velocities (rad/s).
-
-    Returns
-    -------
-    ndarray, shape (7,)
-        Torques, N m.
-    """
-    damping = 2.0 * np.sqrt(STIFFNESS)
-    velocity = jacobian @ dq
-    force = STIFFNESS * (target.position - hand) - damping * velocity[:3]
-    torque = STIFFNESS * _orientation_error(target.orientation, orientation)
+def _operational_space_torques(target, arm):
+    """Joint torques, N m, (7,), that pull the hand of an `Arm` to a `Target`."""
+    damping, nullspace_damping = 2.0 * np.sqrt(STIFFNESS), 2.0 * np.sqrt(NULLSPACE_STIFFNESS)
+    velocity = arm.jacobian @ arm.velocities
+    force = STIFFNESS * (target.position - arm.position) - damping * velocity[:3]
+    torque = STIFFNESS * _orientation_error(target.orientation, arm.orientation)
     torque -= damping * velocity[3:]
-    pose = NULLSPACE_STIFFNESS * (target.angles - q) - 2.0 * np.sqrt(NULLSPACE_STIFFNESS) * dq
+    pose = NULLSPACE_STIFFNESS * (target.angles - arm.angles) - nullspace_damping * arm.velocities
     # The task's acceleration, less what the null-space term would add to it (J M^-1 M pose).
-    acceleration = np.concatenate((force, torque)) - jacobian @ pose
-    lambda_inv = jacobian @ np.linalg.solve(mass, jacobian.T.copy())
+    acceleration = np.concatenate((force, torque)) - arm.jacobian @ pose
+    lambda_inv = arm.jacobian @ np.linalg.solve(arm.mass, arm.jacobian.T.copy())
     wrench = np.linalg.solve(lambda_inv, acceleration)
-    return jacobian.T @ wrench + mass @ pose + bias
+    return arm.jacobian.T @ wrench + arm.mass @ pose + arm.bias
 
 
 @numba.njit(cache=True)
-def _drive(model, data, site, n_steps, target, memory, low, high):
-    """Step the physics `n_steps` times, with torques towards the target, from `low` to `high`."""
-    jacobian, mass = memory.jacobian, memory.mass
+def _drive(model, data, site, n_steps, target, memory):
+    """Step the physics `n_steps` times, with torques that pull the hand at `site` to the target."""
+    jacobian, mass, limits = memory.jacobian, memory.mass, memory.limits
     for step in range(n_steps):
         if step % TORQUE_PERIOD == 0:
             mj_jacSite(model, data, jacobian[:3].ctypes, jacobian[3:].ctypes, site)
             mj_fullM(model, mass.ctypes, memory.inertia.ctypes)
-            torques = operational_space_torques(
-                target, memory.hand, memory.orientation,
-                jacobian[:, :ARM_DOFS].copy(), mass[:ARM_DOFS, :ARM_DOFS].copy(),
-                memory.bias[:ARM_DOFS], memory.qpos[:ARM_DOFS], memory.qvel[:ARM_DOFS],
-            )  # fmt: skip
-            memory.ctrl[:ARM_DOFS] = np.minimum(np.maximum(torques, low), high)
+            memory.arm.jacobian[:] = jacobian[:, :ARM_DOFS]
+            memory.arm.mass[:] = mass[:ARM_DOFS, :ARM_DOFS]
+            torques = _operational_space_torques(target, memory.arm)
+            memory.torques[:] = np.minimum(np.maximum(torques, limits[0]), limits[1])
         mj_step(model, data)
     # The last mj_step leaves positions one step ahead of poses: bring them together.
     mj_kinematics(model, data)
@@ -126,45 +109,45 @@ def _drive(model, data, site, n_steps, target, memory, low, high):
 class Controller:
     """Drives a fast `Workspace` one control step at a time.
 
-    Parameters
-    ----------
-    workspace : Workspace
-        Constructed with `fast=True`.
-
     Attributes
     ----------
     hand : ndarray, shape (3,)
         Position of the grip site, metres: a view of the simulation's memory, which moves on.
+    goal_pos : ndarray, shape (3,)
+        Where the hand is pulled to, metres.
     """
 
-    def __init__(self, workspace):
+    def __init__(self, workspace: Workspace):
         self.workspace = workspace
-        self.model = workspace.sim.model._model
-        self.data = workspace.sim.data._data
-        self.site = self.model.site(HAND_SITE).id
+        model = self.model = workspace.sim.model._model
+        data = self.data = workspace.sim.data._data
+        self.site = model.site(HAND_SITE).id
         self.gripper = workspace.robots[0].gripper["right"]
-        self.physics_steps = round(1 / workspace.control_freq / self.model.opt.timestep)
-        self.low, self.high = self.model.actuator_ctrlrange[:ARM_DOFS].T.copy()
-        finger_range = self.model.actuator_ctrlrange[ARM_DOFS:]
+        self.physics_steps = round(1 / CONTROL_FREQUENCY / model.opt.timestep)
+        arm_range, finger_range = np.split(model.actuator_ctrlrange, [ARM_DOFS])
         self.finger_middle = finger_range.mean(axis=1)
         self.finger_half = np.ptp(finger_range, axis=1) / 2
-        data, model = self.data, self.model
         self.hand = data.site_xpos[self.site]
+        self._orientation = data.site_xmat[self.site].reshape(3, 3)
+        arm = Arm(
+            self.hand, self._orientation,
+            data.qpos[:ARM_DOFS], data.qvel[:ARM_DOFS], data.qfrc_bias[:ARM_DOFS],
+            np.zeros((6, ARM_DOFS)), np.zeros((ARM_DOFS, ARM_DOFS)),
+        )  # fmt: skip
         self._memory = Memory(
-            data.ctrl, data.qpos, data.qvel, data.qfrc_bias, data.qM,
-            self.hand, data.site_xmat[self.site].reshape(3, 3),
+            arm, data.ctrl[:ARM_DOFS], arm_range.T.copy(), data.qM,
             np.zeros((6, model.nv)), np.zeros((model.nv, model.nv)),
         )  # fmt: skip
         self.reset()
 
-    def reset(self):
+    def reset(self) -> None:
         """Hold the orientation and the joint angles of the present state from now on."""
         mujoco.mj_forward(self.model, self.data)
-        self.goal_ori = self.data.site_xmat[self.site].reshape(3, 3).copy()
+        self.goal_ori = self._orientation.copy()
         self.q_rest = self.data.qpos[:ARM_DOFS].copy()
         self.goal_pos = self.hand.copy()
 
-    def hand_velocity(self):
+    def hand_velocity(self) -> np.ndarray:
         """Velocity of the grip site, metres per second, shape (3,)."""
         velocity = np.zeros(6)
         mujoco.mj_objectVelocity(
@@ -172,42 +155,30 @@ class Controller:
         )
         return velocity[3:]
 
-    def move_goal(self, action):
+    def move_goal(self, action: np.ndarray) -> None:
         """Shift the hand's goal by up to 3 cm along each axis, within reach and workspace."""
-        hand = self.hand
-        ahead = (self.goal_pos + STEP_LENGTH * action[:3] - hand).clip(-LEASH, LEASH)
-        self.goal_pos = (hand + ahead).clip(WORKSPACE_LOW, WORKSPACE_HIGH)
+        ahead = (self.goal_pos + STEP_LENGTH * action[:3] - self.hand).clip(-LEASH, LEASH)
+        self.goal_pos = (self.hand + ahead).clip(WORKSPACE_LOW, WORKSPACE_HIGH)
 
-    def advance(self, action):
-        """Apply one action for one control step.
+    def advance(self, action: np.ndarray) -> None:
+        """Apply one action, shape (4,), for one control step.
 
-        Parameters
-        ----------
-        action : ndarray, shape (4,)
-            In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), aperture (-1 open,
-            1 closed round a can).
+        In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), aperture (-1 open, 1 closed round a
+        can).
         """
-        data = self.data
         self.move_goal(action)
         fingers = self.gripper.format_action(action[3:])
-        data.ctrl[ARM_DOFS:] = self.finger_middle + self.finger_half * fingers
-        _drive(
-            self.model._address, data._address, self.site, self.physics_steps,
-            Target(self.goal_pos, self.goal_ori, self.q_rest), self._memory, self.low, self.high,
-        )  # fmt: skip
+        self.data.ctrl[ARM_DOFS:] = self.finger_middle + self.finger_half * fingers
+        target = Target(self.goal_pos, self.goal_ori, self.q_rest)
+        addresses = self.model._address, self.data._address
+        _drive(*addresses, self.site, self.physics_steps, target, self._memory)
 
 
 class StockController(Controller):
-    """The same interface, driven by robosuite's own `step`: the reference for `Controller`.
+    """The reference for `Controller`: drives `Workspace(fast=False)` by robosuite's own `step`."""
 
-    Parameters
-    ----------
-    workspace : Workspace
-        Constructed with `fast=False`.
-    """
-
-    def advance(self, action):
-        """Apply one action (4,) for one control step, as `Controller.advance` does."""
+    def advance(self, action: np.ndarray) -> None:
+        """Apply one action for one control step, as `Controller.advance` does."""
         orientation = quat2axisangle(mat2quat(self.goal_ori))
         self.move_goal(action)
         self.workspace.step(np.concatenate((self.goal_pos, orientation, action[3:])))

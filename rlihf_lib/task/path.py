@@ -11,6 +11,8 @@ the length that is left; beside it, coming back costs several times the distance
 import numba
 import numpy as np
 
+from rlihf_lib.task.moment import State
+
 LIFT = 0.10  # metres the can is lifted before it is carried
 HOVER = 0.10  # metres over the can from which the hand comes down
 # Price of a metre beside the path; 1 would let the hand cut every corner. The can has to go round
@@ -57,22 +59,9 @@ def _join(point, starts, directions, lengths, before, detour):
 
 
 class Polyline:
-    """Straight pieces from vertex to vertex.
+    """Straight pieces between vertices, (n, 3), metres; `detour` > 1 prices a metre beside them."""
 
-    Parameters
-    ----------
-    vertices : array-like, shape (n, 3)
-        Metres.
-    detour : float
-        Price of a metre beside it, above 1.
-
-    Attributes
-    ----------
-    length : float
-        Metres.
-    """
-
-    def __init__(self, vertices, detour=CARRY_DETOUR):
+    def __init__(self, vertices, detour: float = CARRY_DETOUR):
         self.detour = detour
         vertices = np.asarray(vertices, float)
         pieces = np.diff(vertices, axis=0)
@@ -83,31 +72,22 @@ class Polyline:
         self._before = np.append(0.0, np.cumsum(self._lengths))
         self.length = float(self._before[-1])
 
-    def distance(self, point):
-        """Distance from `point`, ndarray (3,), to the nearest point of the path, metres."""
+    def distance(self, point: np.ndarray) -> float:
+        """Distance from `point`, (3,), to the nearest point of the path, metres."""
         return _nearest(point, self._starts, self._directions, self._lengths)
 
-    def remaining(self, point):
-        """Price of going on to the end from `point` (3,), and where the path is joined, metres.
+    def remaining(self, point: np.ndarray) -> tuple[float, float]:
+        """Price of going on to the end from `point`, (3,), metres, and where the path is joined.
 
-        Parameters
-        ----------
-        point : ndarray, shape (3,)
-
-        Returns
-        -------
-        left : float
-            min over q of `detour` * |point - q| + length left at q.
-        joined : float
-            Length from the start to the best q.
+        The former is min over q of `detour` * |point - q| + length left at q, the latter the length
+        from the start to the best q.
         """
-        return _join(
-            point, self._starts, self._directions, self._lengths, self._before, self.detour
-        )
+        pieces = self._starts, self._directions, self._lengths, self._before
+        return _join(point, *pieces, self.detour)
 
-    def at(self, length):
-        """Point `length` metres from the start, shape (3,); beyond the end, the end."""
-        piece = min(np.searchsorted(self._before, length, side="right"), len(self._lengths)) - 1
+    def at(self, length: float) -> np.ndarray:
+        """Point `length` metres from the start, (3,); beyond the end, the end."""
+        piece = int(np.searchsorted(self._before[:-1], length, side="right")) - 1
         along = min(length - self._before[piece], self._lengths[piece])
         return self._starts[piece] + along * self._directions[piece]
 
@@ -126,8 +106,10 @@ class IdealPath:
     ----------
     reach, carry : ndarray, shape (n, 3)
         Vertices of the way to the can and of the way with it.
-    length : float
-        Length of both, metres.
+    length, carry_length : float
+        Length of both, and of the way with the can, metres.
+    start_remaining : float
+        Remaining path at the start: about `length` + 0.16 m.
     """
 
     def __init__(self, hand, can, goal):
@@ -140,81 +122,50 @@ class IdealPath:
         self._reach, self._carry = Polyline(self.reach), Polyline(self.carry)
         self.carry_length = self._carry.length
         self.length = self._reach.length + self.carry_length
-        self.start_remaining = self.remaining(hand, can, False, 0.0)
+        self.start_remaining = self.remaining(State(hand, can, held=False, squeeze=0.0))
 
-    def remaining_reach(self, hand, can):
-        """Length left from `hand` (3,) to the can at `can` (3,), metres.
+    def remaining(self, state: State) -> float:
+        """Remaining path D of a state, metres; 0 with the can on the goal and the hand open."""
+        if state.delivered:
+            return RELEASE_WORTH * state.squeeze
+        carry = self._carry.remaining(state.can)[0]
+        if state.held:
+            # Fingers that touch the can without squeezing it let it slip when it is lifted.
+            hold = 0.5 * GRASP_WORTH * (1 - state.squeeze)
+            return float(carry + hold + RELEASE_WORTH)
+        reach = self._remaining_reach(state.hand - state.can)
+        # A hand closed too early has to open again: that is part of the way left.
+        near = min(max((FAR - reach) / (FAR - NEAR), 0.0), 1.0)
+        closing = GRASP_WORTH * (1 + 0.5 * state.squeeze * (1 - 2 * near))
+        # Pushing the can away makes the way longer, pushing it along doesn't make it shorter.
+        return float(reach + closing + max(self.carry_length, carry) + RELEASE_WORTH)
+
+    def _remaining_reach(self, offset):
+        """Length left to the can from a hand that is `offset`, (3,), away from it, metres.
 
         Straight to the hovering point and down; low beside the can, where that would sweep it
         aside, height lost costs `REACH_DETOUR`.
         """
-        offset = hand - can
         beside, _ = self._descent.remaining(offset)
         too_low = max(0.0, HOVER / 2 - offset[2])
         straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + REACH_DETOUR * too_low
         return float(min(beside, straight))
 
-    def remaining_carry(self, can):
-        """Length left of the way with the can, from `can` (3,), metres."""
-        return self._carry.remaining(can)[0]
-
-    def remaining(self, hand, can, grasped, closure, delivered=False):
-        """Remaining path D of a state, metres.
-
-        Parameters
-        ----------
-        hand, can : ndarray, shape (3,)
-            Positions, metres.
-        grasped : bool
-            Whether the fingers hold the can.
-        closure : float
-            How far the fingers are told to close, 0 open to 1 closed; round a can they squeeze.
-        delivered : bool
-            Whether the can stands on the goal: what is left is to let it go.
-
-        Returns
-        -------
-        float
-            About `length` + 0.16 at the start, 0 with the can on the goal and the hand open.
-        """
-        if delivered:
-            return RELEASE_WORTH * closure
-        if grasped:
-            # Fingers that touch the can without squeezing it let it slip when it is lifted.
-            hold = 0.5 * GRASP_WORTH * (1 - closure)
-            return float(self.remaining_carry(can) + hold + RELEASE_WORTH)
-        distance = self.remaining_reach(hand, can)
-        # A hand closed too early has to open again: that is part of the way left.
-        near = min(max((FAR - distance) / (FAR - NEAR), 0.0), 1.0)
-        closing = GRASP_WORTH * (1 + 0.5 * closure * (1 - 2 * near))
-        # Pushing the can away makes the way longer, pushing it along doesn't make it shorter.
-        carry = max(self.carry_length, self.remaining_carry(can))
-        return float(distance + closing + carry + RELEASE_WORTH)
-
-    def deviation(self, hand):
-        """Distance from `hand` (3,) to the nearest point of the ideal path, metres."""
+    def deviation(self, hand: np.ndarray) -> float:
+        """Distance from `hand`, (3,), to the nearest point of the ideal path, metres."""
         return min(self._reach.distance(hand), self._carry.distance(hand))
 
-    def lookahead(self, can, distance):
+    def lookahead(self, can: np.ndarray, distance: float) -> np.ndarray:
         """Point of the carry leg `distance` metres beyond the one that serves `can` best, (3,)."""
         return self._carry.at(self._carry.remaining(can)[1] + distance)
 
 
-def path_efficiency(ideal, executed, completed):
+def path_efficiency(ideal: float, executed: float, completed: float) -> float:
     """Ideal length over executed length, of the part of the task that was completed.
 
     The paper's ratio "between the length of the ideal trajectory and the agent's actual
     trajectory" would exceed 1 for a robot that gives up early; so the ideal length is weighted by
     the share of the path completed, as success-weighted path length (Anderson et al. 2018) does.
-
-    Parameters
-    ----------
-    ideal : float
-        Length of the ideal path, metres.
-    executed : float
-        Length of the hand's path, metres.
-    completed : float
-        Largest share of the ideal path completed, in [0, 1].
 
     Returns
     -------

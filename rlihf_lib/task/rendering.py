@@ -13,65 +13,48 @@ from pathlib import Path
 import numpy as np
 
 BACKENDS = ("egl", "osmesa")
-PICTURE_SIZE = (960, 720)  # pixels
-FILM_SIZE = (320, 240)
+PICTURE_SIZE, FILM_SIZE = (960, 720), (320, 240)  # pixels
+PICTURE_DISTANCE, FILM_DISTANCE = 1.6, 1.2  # metres of the camera from what it looks at
 FILM_COLOURS = 64  # of the palette; keeps a film to a few hundred kB
+FRAME_TIME = 100  # milliseconds, as a control step takes
 
 
-def render(path, seed=0):
-    """Render the scene as the person facing the robot sees it.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    seed : int
-        Of the placement.
+def render(path: str | Path, seed: int = 0) -> str:
+    """Render the placement of a seed, as the person facing the robot sees it, to a PNG file.
 
     Returns
     -------
     str
         The OpenGL library used; empty, and no file written, where there is none.
     """
-    return _in_own_process(path, seed, "")
+    return _in_own_process(path, seed)
 
 
-def film(path, qpos, seed, fps=10):
-    """Render a rollout.
+def film(path: str | Path, qpos: np.ndarray, seed: int) -> str:
+    """Render a rollout in the placement of a seed to a GIF file; see `render`.
 
     Parameters
     ----------
-    path : Path
-        GIF file to write.
     qpos : ndarray, shape (n_frames, nq)
-        Generalised positions, one frame each (`rlihf_lib.rl.replay.Recording`).
-    seed : int
-        Of the placement.
-    fps : int
-        Frames per second; a control step takes 0.1 s.
-
-    Returns
-    -------
-    str
-        The OpenGL library used; empty, and no file written, where there is none.
+        Generalised positions, one frame each (`rlihf_lib.rl.evaluation.Recording`).
     """
     with tempfile.TemporaryDirectory() as folder:
         positions = Path(folder) / "qpos.npy"
         np.save(positions, qpos)
-        return _in_own_process(path, seed, str(positions), str(fps))
+        return _in_own_process(path, seed, positions)
 
 
-def _in_own_process(path, seed, *arguments):
+def _in_own_process(*arguments):
     for backend in BACKENDS:
         environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
-        command = [sys.executable, "-m", __spec__.name, str(path), str(seed), *arguments]
+        command = [sys.executable, "-m", __spec__.name, *map(str, arguments)]
         done = subprocess.run(command, env=environment, capture_output=True, check=False)
-        if done.returncode == 0 and Path(path).is_file():
+        if done.returncode == 0 and Path(arguments[0]).is_file():
             return backend
     return ""
 
 
-def _render_here(path, seed, positions, fps=""):
+def _render_here(path, seed, positions=None):
     import mujoco
     from PIL import Image
 
@@ -80,12 +63,12 @@ def _render_here(path, seed, positions, fps=""):
     from rlihf_lib.task.workspace import Workspace
 
     env = PickPlaceEnv(workspace=Workspace(fast=False))  # the fast one has no visual meshes
-    env.reset(seed=seed)
+    env.reset(seed=int(seed))
     width, height = FILM_SIZE if positions else PICTURE_SIZE
     env.model.vis.global_.offwidth, env.model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
     camera.lookat[:] = [-0.2, 0.0, 1.0]
-    camera.distance = 1.2 if positions else 1.6
+    camera.distance = FILM_DISTANCE if positions else PICTURE_DISTANCE
     camera.azimuth, camera.elevation = 160.0, -25.0
     options = mujoco.MjvOption()
     options.geomgroup[0], options.geomgroup[1] = 0, 1  # meshes, not collision shapes
@@ -97,16 +80,14 @@ def _render_here(path, seed, positions, fps=""):
             mujoco.mj_forward(env.model, env.data)
             renderer.update_scene(env.data, camera, options)
             frames.append(Image.fromarray(renderer.render()))
+    animated = {}
+    if positions:
+        frames = [frame.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for frame in frames]
+        animated = {"save_all": True, "append_images": frames[1:], "duration": FRAME_TIME}
+        animated |= {"loop": 0, "optimize": True}
     with atomic_path(path) as temporary:
-        if positions:
-            frames = [frame.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for frame in frames]
-            frames[0].save(
-                temporary, "GIF", save_all=True, append_images=frames[1:],
-                duration=1000 // int(fps), loop=0, optimize=True,
-            )  # fmt: skip
-        else:
-            frames[0].save(temporary, "PNG")
+        frames[0].save(temporary, "GIF" if positions else "PNG", **animated)
 
 
 if __name__ == "__main__":
-    _render_here(sys.argv[1], int(sys.argv[2]), *sys.argv[3:])
+    _render_here(*sys.argv[1:])

@@ -7,29 +7,31 @@ the robot, y to the right as seen by a person facing the robot, z up, the table'
 """
 
 import copy
-import xml.etree.ElementTree as ET
 
 import mujoco
 import numpy as np
 from robosuite.controllers import load_composite_controller_config
 from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
+from robosuite.models import objects
 from robosuite.models.arenas import TableArena
 from robosuite.models.grippers import register_gripper
-from robosuite.models.grippers.jaco_three_finger_gripper import (
-    JacoThreeFingerGripperBase,
-)
-from robosuite.models.objects import (
-    BottleObject,
-    BreadObject,
-    CanObject,
-    CerealObject,
-    CylinderObject,
-    LemonObject,
-)
+from robosuite.models.grippers.jaco_three_finger_gripper import JacoThreeFingerGripperBase
 from robosuite.models.tasks import ManipulationTask
 
-TABLE_HEIGHT = 0.8
+from rlihf_lib.task.fast import TIMESTEP, made_fast
+
+CONTROL_FREQUENCY = 10  # control steps per second
+TABLE_SIZE, TABLE_HEIGHT = (0.8, 0.8, 0.05), 0.8  # metres
+OBJECTS = {
+    "can": objects.CanObject,
+    "lemon": objects.LemonObject,
+    "cereal": objects.CerealObject,
+    "bottle": objects.BottleObject,
+    "bread": objects.BreadObject,
+}
 OBSTACLES = ("lemon", "cereal", "bottle", "bread")
+GOAL_SIZE = (0.045, 0.004)  # radius and half the height of the goal's mark, metres
+PLACED_WITHIN = 0.04  # metres between the can's and the goal's centre
 # Nominal places on the table (x, y) and half-widths of the uniform jitter, metres. The cereal box
 # and the bottle block the straight way from can to goal; lemon and bread stand beside the ends.
 PLACES = {
@@ -40,27 +42,17 @@ PLACES = {
     "bottle": ((-0.10, 0.00), 0.01),
     "bread": ((0.06, 0.14), 0.015),
 }
-# Collision primitives fitted to the meshes by MuJoCo's compiler (fingertips stay as they are).
-PRIMITIVES = {
-    "can": "cylinder",
-    "lemon": "ellipsoid",
-    "cereal": "box",
-    "bottle": "cylinder",
-    "bread": "box",
-    "robot0": "capsule",
-    "gripper0_right_hand": "cylinder",
-    "gripper0_right_thumb": "capsule",
-    "gripper0_right_index": "capsule",
-    "gripper0_right_pinky": "capsule",
-}
-# Robosuite's contacts (can: 1 ms, fingertips underdamped) squeeze the can out of the hand at a 4 ms
-# step (0-2 of 12 grasps hold); 12 ms, overdamped and 5 mm wide hold it in 24 of 24.
-GRASPING = ("tip_collision", "distal_collision")
 # Finger joints: 1.2 rad is open; 0.6 rad is closed round a can. Commanded to 0, the fingers creep
 # on round the can and throw it over when they open; so they do when they open at once.
 OPEN_ANGLE, CLOSED_ANGLE, FINGER_RANGE = 1.2, 0.6, 1.51
 FINGER_STEP = 0.15  # rad per control step: 1.5 rad/s at 10 Hz
+APERTURE_GAIN = 0.75  # closure per unit of the command: beyond +-2/3 the hand is open or closed
 START_TURN = 0.35  # rad of the arm's first joint away from robosuite's start, towards the can
+
+
+def closure(angle: float) -> float:
+    """Finger angle, rad, as 0 open to 1 closed."""
+    return float(min(max((OPEN_ANGLE - angle) / (OPEN_ANGLE - CLOSED_ANGLE), 0.0), 1.0))
 
 
 @register_gripper
@@ -68,31 +60,29 @@ class JacoApertureGripper(JacoThreeFingerGripperBase):
     """Jaco's hand with one command, the aperture wanted: -1 open to 1 closed round a can.
 
     Beyond +-2/3 the hand is fully open or closed: a squashed Gaussian hardly reaches +-1, and a
-    hand closed less than fully lets the can slip.
-
-    robosuite's own one-action version integrates +-0.01 a step, so that closing takes about a
-    hundred steps of the same sign and random actions never close the hand.
+    hand closed less than fully lets the can slip. robosuite's own one-action version integrates
+    +-0.01 a step, so that random actions never close the hand.
     """
 
     @property
-    def init_qpos(self):
+    def init_qpos(self) -> np.ndarray:
         """Finger joints at the start, rad: open."""
         return np.tile([OPEN_ANGLE, OPEN_ANGLE / 2], 3)
 
-    def format_action(self, action):
+    def format_action(self, action: np.ndarray) -> np.ndarray:
         """Turn one command in [-1, 1] into the three finger actuators' commands."""
-        closed = min(max(0.5 + 0.75 * action[0], 0.0), 1.0)
+        closed = min(max(0.5 + APERTURE_GAIN * action[0], 0.0), 1.0)
         target = OPEN_ANGLE + closed * (CLOSED_ANGLE - OPEN_ANGLE)
         self.angle += min(max(target - self.angle, -FINGER_STEP), FINGER_STEP)
         self.current_action = np.full(3, 2 * self.angle / FINGER_RANGE - 1)
         return self.current_action
 
-    def open(self):
+    def open(self) -> None:
         """Command the hand open at once, as at the start of an episode."""
         self.angle = OPEN_ANGLE
 
     @property
-    def dof(self):
+    def dof(self) -> int:
         """One command for three fingers."""
         return 1
 
@@ -103,22 +93,16 @@ class Workspace(ManipulationEnv):
     Parameters
     ----------
     fast : bool
-        True: collision shapes are primitives and the physics step is `FAST_TIMESTEP`, to be driven
+        True: collision shapes are primitives and the physics step is longer (`fast`), to be driven
         by `rlihf_lib.task.control`. False: robosuite's meshes, timestep and `step`, unchanged; the
         reference for speed and for correctness.
-    control_freq : float
-        Control steps per second.
-    seed : int
-        Seeds the placement; `reseed` does so later.
     """
 
-    FAST_TIMESTEP = 0.004
     reward_scale = 1.0  # robosuite's GymWrapper asks for it
 
-    def __init__(self, fast=True, control_freq=10, seed=0):
+    def __init__(self, fast: bool = True):
         self.fast = fast
-        self.placement_rng = np.random.default_rng(seed)
-        self.placement = {}
+        self.reseed(0)
         controller = load_composite_controller_config(controller="BASIC", robot="Jaco")
         arm = controller["body_parts"]["right"]
         arm.update(input_type="absolute", input_ref_frame="world", uncouple_pos_ori=False)
@@ -127,7 +111,7 @@ class Workspace(ManipulationEnv):
             controller_configs=controller,
             gripper_types="JacoApertureGripper",
             initialization_noise=None,
-            control_freq=control_freq,
+            control_freq=CONTROL_FREQUENCY,
             has_renderer=False,
             has_offscreen_renderer=False,
             use_camera_obs=False,
@@ -138,45 +122,36 @@ class Workspace(ManipulationEnv):
     def _load_model(self):
         super()._load_model()
         robot = self.robots[0].robot_model
-        table_size = (0.8, 0.8, 0.05)
-        robot.set_base_xpos(robot.base_xpos_offset["table"](table_size[0]))
+        robot.set_base_xpos(robot.base_xpos_offset["table"](TABLE_SIZE[0]))
         self.robots[0].init_qpos[0] += START_TURN
-        arena = TableArena(table_full_size=table_size, table_offset=(0, 0, TABLE_HEIGHT))
+        arena = TableArena(table_full_size=TABLE_SIZE, table_offset=(0, 0, TABLE_HEIGHT))
         arena.set_origin([0, 0, 0])
-        self.objects = [
-            CanObject("can"),
-            LemonObject("lemon"),
-            CerealObject("cereal"),
-            BottleObject("bottle"),
-            BreadObject("bread"),
-        ]
+        self.objects = [make(name) for name, make in OBJECTS.items()]
         # The goal is a mark, not an obstacle: visible, without contacts, not moved by physics.
-        self.goal = CylinderObject(
-            "goal", size=[0.045, 0.004], rgba=[0.5, 0.5, 0.5, 1], joints=None, obj_type="visual"
+        self.goal = objects.CylinderObject(
+            "goal", size=[*GOAL_SIZE], rgba=[0.5, 0.5, 0.5, 1], joints=None, obj_type="visual"
         )
         self.model = _Task(arena, [robot], [*self.objects, self.goal])
 
     def _initialize_sim(self, xml_string=None):
         if self.fast and xml_string is None:
-            xml_string = _made_fast(self.model.get_xml())
+            xml_string = made_fast(self.model.get_xml())
         super()._initialize_sim(xml_string)
         if self.fast:
-            self.sim.model._model.opt.timestep = self.FAST_TIMESTEP
-            self.model_timestep = self.FAST_TIMESTEP
+            self.sim.model._model.opt.timestep = self.model_timestep = TIMESTEP
 
     def _setup_references(self):
         super()._setup_references()
         model = self.sim.model._model
         self.body_ids = {o.name: model.body(o.root_body).id for o in [*self.objects, self.goal]}
         self.qpos_address = {o.name: model.joint(o.joints[0]).qposadr[0] for o in self.objects}
+        solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
         self.geom_ids = {
-            name: np.array(
-                [g for g in range(model.ngeom) if model.geom_bodyid[g] == i and _collides(model, g)]
-            )
-            for name, i in self.body_ids.items()
+            name: np.flatnonzero(solid & (model.geom_bodyid == body))
+            for name, body in self.body_ids.items()
         }
 
-    def reset(self):
+    def reset(self) -> dict | None:
         """Start an episode with new places of can, goal and obstacles.
 
         A fast one goes back to what robosuite's own reset, which takes ten times as long, left
@@ -187,6 +162,7 @@ class Workspace(ManipulationEnv):
         mujoco.mj_copyData(self.sim.data._data, self.sim.model._model, self._start)
         self._place()
         self.sim.forward()
+        return None
 
     def _reset_internal(self):
         super()._reset_internal()
@@ -200,17 +176,17 @@ class Workspace(ManipulationEnv):
         model, data = self.sim.model._model, self.sim.data._data
         self.placement = {}
         for name, (place, jitter) in PLACES.items():
-            xy = np.asarray(place) + self.placement_rng.uniform(-jitter, jitter, 2)
+            xy = np.asarray(place) + self._placement_rng.uniform(-jitter, jitter, 2)
             if name == "goal":
-                z = TABLE_HEIGHT + 0.004
+                z = TABLE_HEIGHT + GOAL_SIZE[1]
                 model.body_pos[self.body_ids[name]] = [*xy, z]
             else:
-                z = TABLE_HEIGHT + self.standing_height(name)
+                z = TABLE_HEIGHT + self._standing_height(name)
                 address = self.qpos_address[name]
                 data.qpos[address : address + 7] = [*xy, z, 1, 0, 0, 0]
             self.placement[name] = np.array([*xy, z])
 
-    def standing_height(self, name):
+    def _standing_height(self, name):
         """Height of an object's centre over what it stands on, metres."""
         model = self.sim.model._model
         geom = self.geom_ids[name][0]
@@ -221,66 +197,19 @@ class Workspace(ManipulationEnv):
         lowest = model.geom_pos[geom] + rotation.reshape(3, 3) @ centre
         return float(extent[2] - lowest[2])
 
-    def reseed(self, seed):
+    def reseed(self, seed: int) -> None:
         """Start the placements of this environment anew from `seed`."""
-        self.placement_rng = np.random.default_rng(seed)
+        self._placement_rng = np.random.default_rng(seed)
 
-    def reward(self, action=None):
+    def reward(self, action=None) -> float:
         """Sparse reward: 1 in the step that finds the can placed, else 0."""
         return float(self._check_success())
 
     def _check_success(self):
         can = self.sim.data.body_xpos[self.body_ids["can"]]
-        return bool(np.linalg.norm(can[:2] - self.placement["goal"][:2]) < 0.04)
+        return bool(np.linalg.norm(can[:2] - self.placement["goal"][:2]) < PLACED_WITHIN)
 
 
 class _Task(ManipulationTask):
     def generate_id_mappings(self, sim):
         """Names of geoms in segmented images, visual ones included, which a fast model hasn't."""
-
-
-def _collides(model, geom):
-    return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
-
-
-def _made_fast(xml):
-    """Replace collision meshes by fitted primitives, and leave out what doesn't move anything."""
-    root = ET.fromstring(xml)
-    for compiler in root.iter("compiler"):
-        compiler.set("fitaabb", "true")  # else primitives come out at 85 % of the meshes' size
-        compiler.set("discardvisual", "true")
-    # Objects at rest (slower than 1 mm/s) sleep until touched. MuJoCo can't do that yet where
-    # tendons are tied, so the joints of each finger, which these tendons couple one to one, are
-    # tied themselves. Contacts by libccd, to 10 um, take half as long.
-    option = root.find("option")
-    option.attrib |= {"sleep_tolerance": "1e-3", "ccd_tolerance": "1e-5"}
-    ET.SubElement(option, "flag", sleep="enable", nativeccd="disable", sensor="disable")
-    equality = root.find("equality")
-    for finger in list(equality):
-        equality.remove(finger)
-        proximal, distal = (
-            joint.get("joint") for joint in root.find(f"tendon/fixed[@name='{finger.get('name')}']")
-        )
-        ET.SubElement(equality, "joint", joint1=distal, joint2=proximal)
-    for geom in root.iter("geom"):
-        name = geom.get("name", "")
-        if name == "table_collision":
-            geom.set("type", "plane")
-            geom.set("pos", f"0 0 {geom.get('size').split()[2]}")
-        if name.endswith("pad_collision"):
-            # 1 mm plates on the fingertips, which touch what they touch: 3 of 9 contacts.
-            geom.attrib |= {"contype": "0", "conaffinity": "0"}
-        if name.endswith(GRASPING) or name.startswith(("can", *OBSTACLES)):
-            geom.set("solref", "0.012 2")
-            geom.set("solimp", "0.9 0.95 0.005")
-        if name.endswith(GRASPING) or name.startswith("lemon"):
-            # Rolling friction, which the models state and condim 4 leaves out: without it the lemon
-            # never comes to rest. The can stays at 4, or one that leans on its edge stays leaning.
-            geom.set("condim", "6")
-        visual = geom.get("contype") == "0" and geom.get("conaffinity") == "0"
-        if geom.get("mesh") is None or visual:
-            continue
-        for prefix, primitive in PRIMITIVES.items():
-            if name.startswith(prefix):
-                geom.set("type", primitive)
-    return ET.tostring(root, encoding="unicode")

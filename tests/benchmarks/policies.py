@@ -4,6 +4,7 @@ Ratios are medians of alternating repeats in one process on one thread, so that 
 both sides alike.
 """
 
+import contextlib
 import statistics
 import tempfile
 import time
@@ -16,13 +17,14 @@ from robosuite.wrappers import GymWrapper
 from stable_baselines3 import SAC
 from stable_baselines3.common.logger import configure
 
-from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.observer import Observer, perfect_table
+from rlihf_lib.rl.feedback import perfect_table
+from rlihf_lib.rl.observer import Observer
 from rlihf_lib.rl.rewards import TrainingReward
+from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.rl.sac import make_sac
 from rlihf_lib.rl.sweep import run_sweep
-from rlihf_lib.task.expert import expert_action
 from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.scripted import expert_action
 from rlihf_lib.task.workspace import Workspace
 
 
@@ -155,14 +157,11 @@ def sweep_scaling(repeats, steps=30_000):
         for workers in (1, 2):
             with tempfile.TemporaryDirectory() as folder:
                 start = time.perf_counter()
-                run_sweep(configs, Path(folder) / "runs", workers=workers, progress=_silent)
+                with contextlib.redirect_stdout(None):
+                    run_sweep(configs, Path(folder) / "runs", workers=workers)
                 seconds.append(time.perf_counter() - start)
         ratios.append(seconds[0] / seconds[1])
     return statistics.median(ratios)
-
-
-def _silent(_):
-    pass
 
 
 def measure(repeats):

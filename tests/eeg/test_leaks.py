@@ -9,7 +9,7 @@ from rlihf_lib.eeg import decoding, leaks
 from rlihf_lib.eeg.decoding import loader, run_loso
 from rlihf_lib.eeg.folder import other_channels, read_folder_epochs
 from rlihf_lib.live import train_live
-from rlihf_lib.rl.config import RunConfig
+from rlihf_lib.rl.runs import RunConfig
 from rlihf_lib.study import Study
 
 SUBJECTS = ["01", "02", "03"]

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from rlihf_lib.report.evaluations import group_of, person_of
-from rlihf_lib.rl.config import RunConfig, SACSettings
+from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.study import Study
 
 matplotlib.use("agg")

@@ -10,7 +10,7 @@ import pytest
 from rlihf_lib.report import figures_late, figures_policy, style, tables
 from rlihf_lib.report.evaluations import load_runs
 from rlihf_lib.report.style import LABELS, color, ordered, save_figure, shades
-from rlihf_lib.rl.replay import Recording
+from rlihf_lib.rl.evaluation import Recording
 
 T = 3000
 

@@ -10,8 +10,8 @@ from matplotlib.path import Path
 from scipy.spatial import ConvexHull, cKDTree
 
 from rlihf_lib.report.figures_task import OBJECT_COLOURS, paths_figure
+from rlihf_lib.rl.evaluation import Recording
 from rlihf_lib.rl.observer import AT_EASE_CLEARANCE, UNEASY_CLEARANCE
-from rlihf_lib.rl.replay import Recording
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.workspace import OBSTACLES, PLACES, TABLE_HEIGHT, Workspace
 

@@ -19,7 +19,7 @@ from rlihf_lib.report.evaluations import (
     units,
 )  # fmt: skip
 from rlihf_lib.report.style import label, ordered, save_table, typeset
-from rlihf_lib.rl.config import RunConfig, SACSettings
+from rlihf_lib.rl.runs import RunConfig, SACSettings
 
 T = 3000
 

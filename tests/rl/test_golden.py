@@ -2,7 +2,7 @@
 
 Scripted actions through environment, observers and rewards, and updates of the learner on a fixed
 batch, against the numbers in golden.json. After a change that is meant to change results, raise
-`PROTOCOL` in rl/config.py and write the numbers anew: `python tests/rl/test_golden.py`.
+`PROTOCOL` in rl/runs.py and write the numbers anew: `python tests/rl/test_golden.py`.
 """
 
 import dataclasses
@@ -18,12 +18,13 @@ import pytest
 import torch
 
 from rlihf_lib.files import write_text
-from rlihf_lib.rl.config import PROTOCOL, RunConfig, SACSettings
+from rlihf_lib.rl.evaluation import rollout
 from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import alignment_reward, evaluation_reward, task_reward
+from rlihf_lib.rl.runs import PROTOCOL, RunConfig, SACSettings
 from rlihf_lib.rl.sac import make_sac
-from rlihf_lib.task.expert import expert_action
-from rlihf_lib.task.gym_env import OBSERVATION, PickPlaceEnv
+from rlihf_lib.task.gym_env import N_OBSERVATIONS, PickPlaceEnv
+from rlihf_lib.task.scripted import expert_action
 
 STORED = Path(__file__).with_name("golden.json")
 # Relative and absolute. Processors round differently, and contacts make something of it: little
@@ -64,11 +65,7 @@ def expert_episode():
     """Metrics of the expert's episodes, contacts included."""
     env, rows = PickPlaceEnv(), []
     for seed in (7, 8):
-        env.reset(seed=seed)
-        done = False
-        while not done:
-            *_, terminated, truncated, info = env.step(expert_action(env))
-            done = terminated or truncated
+        *_, (*_, info) = rollout(env, expert_action, seed)
         rows.append([float(value) for value in info["metrics"].values()])
     return rows
 
@@ -76,7 +73,7 @@ def expert_episode():
 class Noise(gym.Env):
     """Random observations and rewards in the shapes of the task, to fill a replay buffer."""
 
-    observation_space = gym.spaces.Box(-np.inf, np.inf, (sum(e[1] for e in OBSERVATION),))
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (N_OBSERVATIONS,))
     action_space = gym.spaces.Box(-1, 1, (4,))
 
     def reset(self, seed=None, options=None):

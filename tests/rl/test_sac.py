@@ -12,7 +12,7 @@ from stable_baselines3.common.buffers import NStepReplayBuffer
 from stable_baselines3.sac import policies
 from stable_baselines3.sac.policies import SACPolicy
 
-from rlihf_lib.rl.config import SACSettings
+from rlihf_lib.rl.runs import SACSettings
 from rlihf_lib.rl.sac import FastSAC, make_sac, networks, passes
 from rlihf_lib.rl.sac.batch import Batch
 from rlihf_lib.rl.sac.networks import StackedPolicy

@@ -12,10 +12,11 @@ import time
 import pandas as pd
 import pytest
 
-from rlihf_lib.progress import FILE_NAME, read
-from rlihf_lib.rl.config import RunConfig
-from rlihf_lib.rl.observer import p_error_sha256, perfect_table
-from rlihf_lib.rl.sweep import is_done, run_sweep
+from rlihf_lib import progress
+from rlihf_lib.rl import sweep
+from rlihf_lib.rl.feedback import p_error_sha256, perfect_table
+from rlihf_lib.rl.runs import RunConfig, is_done, write_run
+from rlihf_lib.rl.sweep import run_sweep
 
 # A training function in a module of its own, as workers must be able to import it.
 FAKE_TRAINING = '''
@@ -25,8 +26,8 @@ from pathlib import Path
 from distributed import get_worker
 
 
-def train(config, folder, p_error, progress):
-    """Write what a run writes; a pure function of the config and the p(error) rows."""
+def train(config, p_error, progress):
+    """Return what a run returns; a pure function of the config and the p(error) rows."""
     control = Path(os.environ["FAKE_CONTROL"])
     with open(control / "log", "a") as log:
         log.write(config.run_id + "\\n")
@@ -41,8 +42,9 @@ def train(config, folder, p_error, progress):
     if config.seed == 1 and (control / "fail").exists():
         raise FloatingPointError("the critic is NaN")
     mean = float(p_error["p_error"].mean()) if p_error is not None else 0.0
-    (folder / "eval.csv").write_text(f"step,return\\n0,{config.seed + mean!r}\\n")
-    (folder / "config.json").write_text(json.dumps({**config.to_dict(), "hash": config.hash}))
+    recorded = json.dumps({**config.to_dict(), "hash": config.hash})
+    rows = f"step,return\\n0,{config.seed + mean!r}\\n"
+    return {"eval.csv": rows.encode(), "config.json": recorded.encode()}
 '''
 
 
@@ -50,7 +52,7 @@ def train(config, folder, p_error, progress):
 def fake(tmp_path, monkeypatch):
     """The fake training function, and the folder whose files say how it behaves."""
     (tmp_path / "fake_training.py").write_text(FAKE_TRAINING)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setenv("FAKE_CONTROL", str(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
     sys.modules.pop("fake_training", None)
@@ -93,19 +95,16 @@ def test_dask_does_not_sample_the_workers(fake):
 def test_finished_runs_are_skipped_and_changed_or_recomputed_ones_are_not(fake):
     train, folder = fake
     runs = folder / "study" / "runs"
-    lines = []
-    assert run_sweep(configs(2), runs, train=train, workers=1, progress=lines.append) == 2
+    assert run_sweep(configs(2), runs, train=train, workers=1) == 2
     assert all(is_done(config, runs) for config in configs(2))
-    assert run_sweep(configs(2), runs, train=train, workers=1, progress=lines.append) == 0
-    assert "already" in lines[-1]
+    assert run_sweep(configs(2), runs, train=train, workers=1) == 0
     longer = RunConfig(condition="dense", seed=0, total_steps=20, eval_every=5)
     assert longer.run_id == configs(1)[0].run_id
     assert not is_done(longer, runs)
-    assert run_sweep([longer], runs, train=train, workers=1, progress=lines.append) == 1
+    assert run_sweep([longer], runs, train=train, workers=1) == 1
     assert is_done(longer, runs)
-    run_sweep([longer], runs, train=train, workers=1, recompute=True, progress=lines.append)
+    run_sweep([longer], runs, train=train, workers=1, recompute=True)
     assert len(trained(folder)) == 4
-    assert not list(runs.parent.glob(".*")), "the progress file is removed"
 
 
 def test_a_run_gets_the_rows_of_its_own_subject_only(fake):
@@ -128,25 +127,27 @@ def test_feedback_without_a_table_is_refused(fake):
 def test_a_worker_that_dies_costs_only_its_run_which_is_retried(fake):
     train, folder = fake
     (folder / "die-once").touch()
-    run_sweep(configs(4), folder / "runs", train=train, workers=2, progress=lambda line: None)
+    run_sweep(configs(4), folder / "runs", train=train, workers=2)
     assert not (folder / "die-once").exists(), "no worker died: the test tested nothing"
     assert all(is_done(config, folder / "runs") for config in configs(4))
     assert trained(folder).count("dense-seed3") == 2
     assert trained(folder).count("dense-seed0") == 1
 
 
-def test_results_that_die_with_a_worker_before_they_are_fetched_are_made_again(fake):
+def test_results_that_die_with_a_worker_before_they_are_fetched_are_made_again(fake, monkeypatch):
     train, folder = fake
     for name in ("die-once", "slow"):
         (folder / name).touch()
 
-    def busy(line):
-        """Fetch nothing until the worker that holds the results is dead, and known to be."""
+    def busy(*run):
+        """Fetch nothing more until the worker that holds the results is dead, and known to be."""
         deadline = time.monotonic() + 30
         while len(trained(folder)) < 5 and time.monotonic() < deadline:
             time.sleep(0.05)
+        write_run(*run)
 
-    run_sweep(configs(4), folder / "runs", train=train, workers=1, progress=busy)
+    monkeypatch.setattr(sweep, "write_run", busy)
+    run_sweep(configs(4), folder / "runs", train=train, workers=1)
     assert trained(folder).count("dense-seed1") == 2, "no result was lost: nothing was tested"
     assert all(is_done(config, folder / "runs") for config in configs(4))
 
@@ -155,7 +156,7 @@ def test_a_failing_run_is_named_and_the_others_are_kept(fake):
     train, folder = fake
     (folder / "fail").touch()
     with pytest.raises(RuntimeError, match=r"1 of 3 runs failed.*dense-seed1.*critic is NaN"):
-        run_sweep(configs(3), folder / "runs", train=train, workers=1, progress=lambda line: None)
+        run_sweep(configs(3), folder / "runs", train=train, workers=1)
     assert [is_done(config, folder / "runs") for config in configs(3)] == [True, False, True]
 
 
@@ -167,7 +168,7 @@ def test_kill_9_in_the_middle_then_resume_equals_an_uninterrupted_sweep(fake):
         f"""
         from pathlib import Path
         from fake_training import train
-        from rlihf_lib.rl.config import RunConfig
+        from rlihf_lib.rl.runs import RunConfig
         from rlihf_lib.rl.sweep import run_sweep
         if __name__ == "__main__":
             configs = [RunConfig(condition="dense", seed=i, total_steps=10, eval_every=5)
@@ -194,12 +195,12 @@ def test_kill_9_in_the_middle_then_resume_equals_an_uninterrupted_sweep(fake):
 
     (folder / "slow").unlink()
     (folder / "log").unlink()
-    run_sweep(configs(8), runs, train=train, workers=2, progress=lambda line: None)
+    run_sweep(configs(8), runs, train=train, workers=2)
     assert sorted(trained(folder)) == sorted(
         config.run_id for config in configs(8) if config not in done
     )
     whole = folder / "whole" / "runs"
-    run_sweep(configs(8), whole, train=train, workers=2, progress=lambda line: None)
+    run_sweep(configs(8), whole, train=train, workers=2)
     assert contents(runs) == contents(whole)
 
 
@@ -211,26 +212,26 @@ def test_a_scheduler_named_in_the_environment_is_used(fake, monkeypatch):
         n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
     ) as cluster:
         monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
-        run_sweep(configs(1), folder / "runs", train=train, progress=lambda line: None)
+        run_sweep(configs(1), folder / "runs", train=train)
         assert is_done(configs(1)[0], folder / "runs")
         assert cluster.scheduler.transition_counter > 0
 
 
-def test_progress_tells_done_running_left_and_the_time_to_go_from_halves_of_runs(fake):
+def test_progress_tells_runs_and_halves_of_runs_and_the_time_to_go(fake, monkeypatch):
     train, folder = fake
     (folder / "slow").touch()
-    runs = folder / "study" / "runs"
-    run_sweep(configs(1), runs, train=train, workers=1, progress=lambda line: None)
+    runs, told = folder / "study" / "runs", folder / "progress"
+    monkeypatch.setenv(progress.VARIABLE, str(told))
+    run_sweep(configs(1), runs, train=train, workers=1)
     seen = set()
     thread = threading.Thread(
         target=run_sweep, args=(configs(4), runs), kwargs={"train": train, "workers": 2}
     )
     thread.start()
     while thread.is_alive():
-        seen.add(read(runs.parent / FILE_NAME))
+        seen.add(progress.read(told))
         time.sleep(0.02)
-    starts = [text.split(", about")[0] for text in seen]
-    assert "runs: 1 done, 2 running, 1 left" in starts
-    assert "runs: 3 done, 1 running, 0 left" in starts
-    first = [text for text in seen if text.startswith("runs: 1 done")]
-    assert any(text.endswith("to go") for text in first), "no estimate before the first run ended"
+    assert {"runs: 1.0 of 4", "runs: 2.0 of 4"} <= {text[:14] for text in seen}
+    halves = [text for text in seen if text.startswith("runs: 1.5 of 4")]
+    assert any("?" not in text for text in halves), "no estimate before the first run ended"
+    assert not told.exists()

@@ -8,26 +8,17 @@ import torch
 from torch import nn
 
 
-def flatten(module):
-    """Move a module's parameters, and their gradients, into one vector each.
+def flatten(module: nn.Module) -> nn.Parameter:
+    """Return a module's parameters, moved into one vector, whose `grad` holds their gradients.
 
     The parameters keep names, shapes and values; one operation then updates them all.
-
-    Parameters
-    ----------
-    module : torch.nn.Module
-
-    Returns
-    -------
-    torch.nn.Parameter
-        All parameters in a row; its `grad` holds their gradients.
     """
     parameters = list(module.parameters())
     flat = nn.Parameter(nn.utils.parameters_to_vector(parameters).detach())
-    flat.grad = torch.zeros_like(flat)
+    gradients = flat.grad = torch.zeros_like(flat)
     sizes = [parameter.numel() for parameter in parameters]
     for parameter, values, gradient in zip(
-        parameters, flat.detach().split(sizes), flat.grad.split(sizes), strict=True
+        parameters, flat.detach().split(sizes), gradients.split(sizes), strict=True
     ):
         parameter.data = values.view_as(parameter)
         parameter.grad = gradient.view_as(parameter)
@@ -36,7 +27,9 @@ def flatten(module):
 
 # Divisions as in NumPy: a check for zero would keep the loop from being vectorised.
 @numba.njit(cache=True, error_model="numpy")
-def _adam(values, gradient, mean, square, beta1, beta2, step_size, correction, epsilon):
+def _adam(values, gradient, mean, square, constants):
+    """One step, in place; constants: both betas, step size, correction of `square`, epsilon."""
+    beta1, beta2, step_size, correction, epsilon = constants
     one = np.float32(1)
     for i in range(len(values)):
         mean[i] += (one - beta1) * (gradient[i] - mean[i])
@@ -48,15 +41,9 @@ class FlatAdam(torch.optim.Adam):
     """PyTorch's Adam for one vector, at a fraction of the overhead.
 
     Its state is PyTorch's, so that it is saved and loaded with the learner.
-
-    Parameters
-    ----------
-    vector : torch.nn.Parameter
-        One-dimensional.
-    learning_rate : float
     """
 
-    def __init__(self, vector, learning_rate):
+    def __init__(self, vector: torch.Tensor, learning_rate: float):
         super().__init__([vector], lr=learning_rate)
         self.state[vector] = {
             "step": torch.tensor(0.0),
@@ -65,7 +52,7 @@ class FlatAdam(torch.optim.Adam):
         }
         self._find_state()
 
-    def load_state_dict(self, state_dict):
+    def load_state_dict(self, state_dict) -> None:
         """Go on from a state that `state_dict()` returned."""
         super().load_state_dict(state_dict)
         self._find_state()
@@ -76,15 +63,13 @@ class FlatAdam(torch.optim.Adam):
         self._step = state["step"].numpy().reshape(1)
         self._moments = state["exp_avg"].numpy(), state["exp_avg_sq"].numpy()
 
-    def update(self):
+    def update(self) -> None:
         """Do what `step` does, without the hooks that PyTorch puts around it."""
         group = self.param_groups[0]
         self._step += 1
         step, (beta1, beta2) = float(self._step[0]), group["betas"]
-        constants = (
-            beta1, beta2, group["lr"] / (1 - beta1**step), 1 / math.sqrt(1 - beta2**step),
-            group["eps"],
-        )  # fmt: skip
+        step_size, correction = group["lr"] / (1 - beta1**step), 1 / math.sqrt(1 - beta2**step)
+        constants = tuple(map(np.float32, (beta1, beta2, step_size, correction, group["eps"])))
         # Not kept: SB3's `load` puts other memory behind the entropy coefficient.
         values, gradient = self._vector.detach().numpy(), self._vector.grad.numpy()
-        _adam(values, gradient, *self._moments, *map(np.float32, constants))
+        _adam(values, gradient, *self._moments, constants)

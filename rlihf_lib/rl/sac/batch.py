@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 
-class Transitions(NamedTuple):
+class Memory(NamedTuple):
     """Arrays of a replay buffer, shape (n, n_envs, ...)."""
 
     observations: np.ndarray
@@ -19,19 +19,21 @@ class Transitions(NamedTuple):
 
 
 @numba.njit(cache=True)
-def _fill_in(drawn, newest, n_steps, gamma, memory, rows, returns, discounts):
+def _fill_in(memory, drawn, limits, batch):
     """Fill in what `Batch` holds: transitions from `drawn` on, (2, n) of steps and environments.
 
-    Each is followed until its episode or the buffer, at `newest`, ends.
+    Each is followed for n_steps, until its episode or the buffer, at `newest`, ends.
     """
     observations, actions, next_observations, rewards, dones, timeouts = memory
-    batch, n_observations, n_actions = drawn.shape[1], observations.shape[2], actions.shape[2]
-    for i in range(batch):  # loops, as Numba takes twice as long to copy slices this short
+    rows, returns, discounts = batch
+    n_steps, gamma, newest = limits
+    size, n_observations, n_actions = len(returns), observations.shape[2], actions.shape[2]
+    for i in range(size):  # loops, as Numba takes twice as long to copy slices this short
         at, env = drawn[0, i], drawn[1, i]
         for j in range(n_observations):
-            rows[i, j] = rows[2 * batch + i, j] = observations[at, env, j]
+            rows[i, j] = rows[2 * size + i, j] = observations[at, env, j]
         for j in range(n_actions):
-            rows[2 * batch + i, n_observations + j] = actions[at, env, j]
+            rows[2 * size + i, n_observations + j] = actions[at, env, j]
         total, weight = 0.0, 1.0
         for step in range(n_steps):
             total += weight * rewards[at, env]
@@ -40,32 +42,23 @@ def _fill_in(drawn, newest, n_steps, gamma, memory, rows, returns, discounts):
                 break
             at = (at + 1) % len(observations)
         for j in range(n_observations):
-            rows[batch + i, j] = next_observations[at, env, j]
+            rows[size + i, j] = next_observations[at, env, j]
         returns[i] = total
         terminated = dones[at, env] and not timeouts[at, env]
         discounts[i] = 0.0 if terminated else weight
 
 
 class Batch:
-    """One batch, in buffers that every draw reuses.
+    """One batch, in memory that every draw reuses.
 
-    Parameters
-    ----------
-    policy : stable_baselines3.sac.policies.SACPolicy
-    size : int
-        Transitions.
-    noise : pair of float
-        Standard deviation of the noise added to observations and to actions in `taken`.
-
-    Notes
-    -----
     `states` holds the states and below them the states `n_steps` later; `policy_actions` is there
-    for the policy's actions in them. The critics' inputs share their memory: `now` and `later`
-    are states with the policy's actions, `taken` with those taken. `returns` are the rewards in
+    for the policy's actions in them. The critics' inputs share their memory: `now` and `later` are
+    states with the policy's actions, `taken` with those taken. `returns` are the rewards in
     between, `discounts` what the value of the later state counts: 0 where the episode terminated.
+    To the observations and actions in `taken`, noise of two standard deviations is added.
     """
 
-    def __init__(self, policy, size, noise):
+    def __init__(self, policy, size: int, noise: tuple[float, float]):
         n_observations, n_actions = (
             space.shape[0] for space in (policy.observation_space, policy.action_space)
         )
@@ -79,23 +72,14 @@ class Batch:
         self._noise = torch.empty_like(self.taken)
         self._scale = torch.tensor([noise[0]] * n_observations + [noise[1]] * n_actions)
 
-    def draw(self, buffer, n_steps, gamma):
-        """Fill the batch: the transitions, and the random numbers, of `buffer.sample`.
-
-        Parameters
-        ----------
-        buffer : stable_baselines3.common.buffers.ReplayBuffer or NStepReplayBuffer
-        n_steps : int
-        gamma : float
-        """
+    def draw(self, buffer, n_steps: int, gamma: float) -> None:
+        """Fill the batch: the transitions, and the random numbers, of SB3's `buffer.sample`."""
         filled = buffer.buffer_size if buffer.full else buffer.pos
         starts = np.random.randint(0, filled, size=self.size)  # noqa: NPY002 (as SB3 does)
         envs = np.random.randint(0, buffer.n_envs, size=self.size)  # noqa: NPY002
-        memory = Transitions(*(getattr(buffer, name) for name in Transitions._fields))
-        newest = (buffer.pos - 1) % buffer.buffer_size
-        _fill_in(
-            np.stack([starts, envs]), newest, n_steps, gamma, memory,
-            self._rows.numpy(), self.returns, self.discounts,
-        )  # fmt: skip
+        memory = Memory(*(getattr(buffer, name) for name in Memory._fields))
+        limits = n_steps, gamma, (buffer.pos - 1) % buffer.buffer_size
+        batch = self._rows.numpy(), self.returns, self.discounts
+        _fill_in(memory, np.stack([starts, envs]), limits, batch)
         if self._noisy:  # else the random numbers stay those of SB3
             self.taken.addcmul_(self._noise.normal_(), self._scale)

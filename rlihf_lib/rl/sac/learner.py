@@ -1,6 +1,8 @@
 """The learner: Stable-Baselines3's SAC with `train` written out; see `rlihf_lib.rl.sac`."""
 
 import math
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,29 +14,30 @@ from rlihf_lib.rl.sac.batch import Batch
 from rlihf_lib.rl.sac.networks import StackedPolicy
 from rlihf_lib.rl.sac.passes import ActorPass, CriticBuffers, CriticPass
 
+BUFFER_SIZE = 200_000  # transitions: all that a run makes
+
 
 class FastSAC(SAC):
     """Stable-Baselines3's SAC with `train` written out for a `StackedPolicy`.
 
-    Parameters
+    Attributes
     ----------
     critic_noise : pair of float
         Standard deviation of the noise added to the observations and actions critics are fitted to.
-    log_every : int
-        Environment steps between two entries of `learning`.
-    *args, **kwargs
-        As for `stable_baselines3.SAC`.
-
-    Attributes
-    ----------
     learning : list of dict
-        Every `log_every` steps, of the update then made: step; critic_loss, half the sum of the
-        critics' mean squared errors, as in SB3; ent_coef, alpha; mean_q, their mean value.
+        Every `log_every` steps, of the update then made: step, critic_loss, ent_coef and mean_q.
     """
 
-    def __init__(self, *args, critic_noise=(0.0, 0.0), log_every=1_000, **kwargs):
+    # SB3 makes all of these before `train`, and declares them more widely.
+    actor: Any
+    critic: Any
+    log_ent_coef: Any
+    ent_coef_optimizer: Any
+    target_entropy: Any
+
+    def __init__(self, *args, critic_noise=(0.0, 0.0), log_every: int = 1_000, **kwargs):
         self.critic_noise, self.log_every = critic_noise, log_every
-        self.learning = []
+        self.learning: list[dict] = []
         super().__init__(*args, **kwargs)
 
     def _setup_model(self):
@@ -52,24 +55,27 @@ class FastSAC(SAC):
         return [*super()._excluded_save_params(), *buffers]
 
     @torch.no_grad()
-    def train(self, gradient_steps, batch_size=64):
+    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Update critics, actor and entropy coefficient `gradient_steps` times (Haarnoja 2018)."""
         if self._batch is None or self._batch.size != batch_size:
-            batch = self._batch = Batch(self.policy, batch_size, self.critic_noise)
-            buffers = CriticBuffers(self.critic, batch_size)
-
-            def passes(critic, x):
-                return [CriticPass(critic, i, x, buffers) for i in range(len(critic.weights[0]))]
-
-            self._passes = (
-                ActorPass(self.actor, batch.states, batch_size),
-                passes(self.critic_target, batch.later),
-                passes(self.critic, batch.taken),
-                passes(self.critic, batch.now),
-            )
+            self._make_passes(batch_size)
         for _ in range(gradient_steps):
             self._update(self._batch, *self._passes)
         self._n_updates += gradient_steps
+
+    def _make_passes(self, batch_size):
+        batch = self._batch = Batch(self.policy, batch_size, self.critic_noise)
+        buffers = CriticBuffers(self.critic, batch_size)
+
+        def passes(critic, x):
+            return [CriticPass(critic, i, x, buffers) for i in range(len(critic.weights[0]))]
+
+        self._passes = (
+            ActorPass(self.actor, batch.states, batch_size),
+            passes(self.critic_target, batch.later),
+            passes(self.critic, batch.taken),
+            passes(self.critic, batch.now),
+        )
 
     def _update(self, batch, policy, later, taken, now):
         batch.draw(self.replay_buffer, self.n_steps, self.gamma)
@@ -113,37 +119,20 @@ class FastSAC(SAC):
         self._flat_target.lerp_(self._flat_critic, self.tau)
 
 
-def make_sac(env, settings, seed, log_every=1_000):
-    """Build the learner.
-
-    Parameters
-    ----------
-    env : gymnasium.Env
-    settings : rlihf_lib.rl.config.SACSettings
-    seed, log_every : int
-
-    Returns
-    -------
-    FastSAC
-    """
+def make_sac(env, settings, seed: int, log_every: int = 1_000) -> FastSAC:
+    """Build the learner for an environment, from `rlihf_lib.rl.runs.SACSettings`."""
+    names = asdict(settings)
+    hidden, discount = names.pop("hidden"), names.pop("discount")
     model = FastSAC(
         StackedPolicy,
         env,
-        learning_rate=settings.learning_rate,
-        buffer_size=200_000,
-        learning_starts=settings.learning_starts,
-        batch_size=settings.batch_size,
-        tau=settings.tau,
-        gamma=settings.discount,
-        train_freq=settings.train_freq,
-        gradient_steps=settings.gradient_steps,
-        n_steps=settings.n_steps,
-        target_entropy=settings.target_entropy,
-        critic_noise=settings.critic_noise,
+        buffer_size=BUFFER_SIZE,
+        gamma=discount,
+        policy_kwargs={"net_arch": list(hidden)},
         log_every=log_every,
-        policy_kwargs={"net_arch": list(settings.hidden)},
         seed=seed,
         device="cpu",
+        **names,  # the others are called as in SB3
     )
     # Otherwise SB3 leaves a folder in /tmp behind for every run.
     model.set_logger(Logger(folder=None, output_formats=[]))

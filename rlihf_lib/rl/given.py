@@ -28,23 +28,16 @@ class Given:
     """Of its source and of what it refers to."""
     function: Callable = field(compare=False, repr=False)
 
-    def __call__(self, moment):
+    def __call__(self, moment) -> float:
         """Call the function."""
         return self.function(moment)
 
 
-def given(function):
-    """Identify a function by name and source.
+def given(function: Callable) -> Given:
+    """Identify a function by name and source, defined in a file or a notebook cell.
 
-    Parameters
-    ----------
-    function : callable
-        Defined with `def` or `lambda`, in a file or a notebook cell. What it refers to may be
-        numbers, strings, tuples, modules, installed code or such functions again.
-
-    Returns
-    -------
-    Given
+    What it refers to may be numbers, strings, tuples, modules, installed code or such functions
+    again.
 
     Raises
     ------
@@ -59,7 +52,7 @@ def _parts(function, name, seen):
     """List the source of a function and of what it refers to."""
     seen.add(function)
     try:
-        parts = [textwrap.dedent(inspect.getsource(function))]
+        parts: list = [textwrap.dedent(inspect.getsource(function))]
         referred = inspect.getclosurevars(function)
     except (OSError, TypeError) as error:
         raise ValueError(

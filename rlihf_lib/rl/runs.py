@@ -1,11 +1,18 @@
-"""What determines a run: its config, its readable id, its hash."""
+"""Runs: what determines one, its readable id and its hash, its folder, and whether it is done."""
 
 import dataclasses
-from collections.abc import Callable
+import json
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
 
 from rlihf_lib.files import canonical_json, sha256
-from rlihf_lib.rl.functions import Given, given
+from rlihf_lib.rl.given import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import REWARDS
 
@@ -19,8 +26,8 @@ PROTOCOL = 6
 class SACSettings:
     """Hyper-parameters of every run, the same for all conditions."""
 
-    hidden: tuple[int, int] = (128, 128)
-    """Units of the two hidden layers of actor and critics."""
+    hidden: tuple[int, ...] = (128, 128)
+    """Units of the hidden layers of actor and critics."""
     learning_rate: float = 7e-4
     """Of Adam, for actor, critics and entropy coefficient."""
     batch_size: int = 256
@@ -98,29 +105,28 @@ class RunConfig:
             )
 
     @property
-    def run_id(self):
+    def run_id(self) -> str:
         """Readable name of the run's folder, such as `rlihf-w0.7-s05-seed3` or `dense-seed0`.
 
         What differs from the default is named, too: `sparse-patience1000-discount0.98-seed0`,
         `rlihf-w0.7-s05-lay-seed0`, `rlihf-w0.7-s05-my_observer.1f3a9c-seed0`.
         """
-        parts = [self.condition]
-        if self.condition == "rlihf":
-            parts += [f"w{self.w_hf:g}", self.subject]
-        changed = _changed(self)
-        for name in ("observer", "reward"):
-            given = changed.get(name)
-            if isinstance(given, dict):
-                given = f"{given['name']}.{given['sha256'][:6]}"
-            parts += [given] if given else []
-        settings = {"patience": changed.get("patience"), **changed.get("sac", {})}
-        for name, value in settings.items():
-            if value is not None:
-                values = value if isinstance(value, tuple) else (value,)
-                parts.append(name + "x".join(f"{v:g}" for v in values))
-        return "-".join([*parts, f"seed{self.seed}"])
+        feedback = [f"w{self.w_hf:g}", self.subject] if self.condition == "rlihf" else []
+        return "-".join([self.condition, *feedback, *self.changes, f"seed{self.seed}"])
 
-    def to_dict(self):
+    @property
+    def changes(self) -> list[str]:
+        """Words for observer, reward and settings that differ from the default, as in the id."""
+        changed = _changed(self)
+        words = [changed[name] for name in ("observer", "reward") if name in changed]
+        words = [f"{w['name']}.{w['sha256'][:6]}" if isinstance(w, dict) else w for w in words]
+        settings = {name: changed[name] for name in ("patience",) if name in changed}
+        for name, value in (settings | changed.get("sac", {})).items():
+            values = value if isinstance(value, tuple) else (value,)
+            words.append(name + "x".join(f"{v:g}" for v in values))
+        return words
+
+    def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain JSON values; functions as their name and hash."""
         fields = {
             entry.name: _plain(getattr(self, entry.name)) for entry in dataclasses.fields(self)
@@ -128,7 +134,7 @@ class RunConfig:
         return {**fields, "sac": dataclasses.asdict(self.sac)}
 
     @property
-    def hash(self):
+    def hash(self) -> str:
         """Hash of the protocol and of everything that isn't left at its default.
 
         Present and equal in a run folder means done. An option added later, left at its default,
@@ -145,11 +151,75 @@ def _changed(settings):
     """Return the fields of a dataclass that differ from their defaults, as plain values."""
     changed = {}
     for entry in dataclasses.fields(settings):
-        value = getattr(settings, entry.name)
-        if entry.name == "sac":
-            value, default = _changed(value), {}
-        else:
-            default = entry.default
-        if value != default:
+        value: Any = getattr(settings, entry.name)
+        if isinstance(value, SACSettings):
+            if value := _changed(value):
+                changed[entry.name] = value
+        elif value != entry.default:
             changed[entry.name] = _plain(value)
     return changed
+
+
+def is_done(config: RunConfig, runs_dir: str | Path) -> bool:
+    """Tell whether the run's folder is there and was made from this very config."""
+    folder = Path(runs_dir) / config.run_id
+    try:
+        recorded = json.loads((folder / "config.json").read_text(encoding="utf-8"))["hash"]
+    except (OSError, ValueError, KeyError):
+        return False
+    return recorded == config.hash and (folder / "eval.csv").is_file()
+
+
+def write_run(config: RunConfig, runs_dir: str | Path, files: Mapping[str, bytes]) -> Path:
+    """Put a run's files, content by name, in place and return its folder.
+
+    They are written to a temporary folder first, which is then renamed to `run_id`.
+    """
+    target = Path(runs_dir) / config.run_id
+    temporary = target.with_name(f".{config.run_id}.{os.getpid()}.partial")
+    shutil.rmtree(temporary, ignore_errors=True)
+    try:
+        temporary.mkdir(parents=True)
+        for name, content in files.items():
+            (temporary / name).write_bytes(content)
+        # A folder cannot be renamed over another: the old one goes only once the new is complete.
+        shutil.rmtree(target, ignore_errors=True)
+        temporary.rename(target)
+    except OSError as error:
+        raise OSError(
+            error.errno, f"cannot write the run {target} ({error.strerror}); is the disk full?"
+        ) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return target
+
+
+def read_run(
+    config: RunConfig, runs_dir: str | Path, name: str = "eval.csv", columns: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Read a table of a finished run, "eval.csv" or "train.csv", which must have these columns.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the run is missing.
+    ValueError
+        If the table lacks a column or holds a number that is none.
+    """
+    path = Path(runs_dir) / config.run_id / name
+    if not is_done(config, runs_dir):
+        raise FileNotFoundError(
+            f"{path.parent} is missing or made from another config; "
+            "train it with notebook 03_policy_training or 05_whf_ablation (--only 03 05)"
+        )
+    frame = pd.read_csv(path, float_precision="round_trip")
+    missing = [column for column in columns if column not in frame.columns]
+    if missing:
+        raise ValueError(f"{path} lacks the column(s) {', '.join(missing)}; delete the run")
+    broken = frame["return"].isna() | frame["success"].isna()
+    if "episodes" in frame:  # a window of training in which none ended has no means
+        broken &= frame["episodes"] > 0
+    if broken.any():
+        line = frame.index[broken][0] + 2
+        raise ValueError(f"{path}, line {line}: return or success is empty; delete the run")
+    return frame

@@ -1,4 +1,4 @@
-"""The can: let go leaning it comes to stand or falls, and where it was placed it stays standing."""
+"""Placement, sleep, and the can: it stands or falls, and stays standing where it was placed."""
 
 import json
 from pathlib import Path
@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.rl.replay import load_policy
-from rlihf_lib.task.expert import expert_action
-from rlihf_lib.task.gym_env import PLACED_WITHIN, PickPlaceEnv
-from rlihf_lib.task.workspace import TABLE_HEIGHT, Workspace
+from rlihf_lib.rl.evaluation import load_policy, rollout
+from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.scripted import expert_action
+from rlihf_lib.task.workspace import PLACED_WITHIN, TABLE_HEIGHT, Workspace
 
 ROOT = Path(__file__).parents[2]
 HOLD, LEAVE = np.array([0, 0, 0, -1.0]), np.array([0, 0, 1.0, -1.0])
@@ -91,11 +91,7 @@ def place(env, act, seed):
     dict or None
         None without success; else degrees, metres, seconds at the success and two seconds later.
     """
-    observation, _ = env.reset(seed=seed)
-    done = False
-    while not done:
-        observation, _, terminated, truncated, info = env.step(act(observation))
-        done = terminated or truncated
+    *_, (*_, info) = rollout(env, act, seed)
     if not info["is_success"]:
         return None
     dof = env.model.joint(env.workspace.objects[0].joints[0]).dofadr[0]
@@ -121,7 +117,7 @@ def place(env, act, seed):
 def placed():
     """What became of the successes of the expert and of trained policies."""
     env = PickPlaceEnv(horizon=60)
-    outcomes = {"expert": [place(env, lambda _: expert_action(env), seed) for seed in range(20)]}
+    outcomes = {"expert": [place(env, expert_action, seed) for seed in range(20)]}
     folders = list(trained())
     assert folders, "no trained policy in results/*/runs places the can"
     folders = folders[:: -(-len(folders) // 8)]
@@ -150,3 +146,40 @@ def test_can_placed_stands_on_the_goal_when_the_hand_has_left(placed, who):
     standing = (placed[who]["after"] < 2) & (placed[who]["away"] < PLACED_WITHIN)
     assert len(standing) >= 12 and placed[who]["left"].min() > 0.05
     assert standing.mean() >= 0.95
+
+
+def test_fast_reset_leaves_the_state_that_robosuites_own_reset_leaves():
+    env = PickPlaceEnv()
+    workspace, parts = env.workspace, mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty((2, mujoco.mj_stateSize(env.model, parts)))
+    for reset, row in zip((workspace.reset, super(Workspace, workspace).reset), state, strict=True):
+        list(rollout(env, expert_action, 4))
+        workspace.reseed(7)
+        reset()
+        mujoco.mj_getState(env.model, env.data, row, parts)
+    np.testing.assert_array_equal(*state)
+
+
+def test_an_object_sleeps_until_touched_and_then_moves_as_if_it_had_been_awake():
+    def push(sleep):
+        """Push the bottle along x from beside it; return its places and whether it slept."""
+        env = PickPlaceEnv()
+        env.reset(seed=0)
+        if not sleep:
+            env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        address = env.workspace.qpos_address["bottle"]
+        env.data.qpos[address : address + 2] = env.controller.hand[:2] + np.array([0.12, 0.01])
+        lemon = env.workspace.qpos_address["lemon"]  # stands there, and rolls as it likes
+        env.data.qpos[lemon : lemon + 2] = [0.25, 0.25]
+        tree = env.model.body_treeid[env.workspace.body_ids["bottle"]]
+        places, asleep = [], []
+        for step in range(16):
+            env.step(np.array([0, 0, -1, 0] if step < 6 else [1, 0, 0, 0]))
+            places.append(env.body("bottle"))
+            asleep.append(env.data.tree_asleep[tree] >= 0)
+        return np.array(places), asleep
+
+    (slept, asleep), (awake, never) = push(sleep=True), push(sleep=False)
+    assert asleep[5] and not asleep[-1] and not any(never)
+    assert np.linalg.norm(awake[-1] - awake[5]) > 0.05
+    assert np.linalg.norm(slept - awake, axis=1).max() < 0.005

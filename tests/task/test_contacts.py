@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from rlihf_lib.rl.replay import load_policy
-from rlihf_lib.task.expert import expert_action
+from rlihf_lib.rl.evaluation import load_policy, rollout
 from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.scripted import expert_action
 from rlihf_lib.task.workspace import OBSTACLES
 
 ROOT = Path(__file__).parents[2]
@@ -140,17 +140,12 @@ def states(env):
         kept[source].append((*poses, env.grasped, clearance))
 
     def episode(source, act, seed, noise):
-        observation, _ = env.reset(seed=seed)
-        done = False
-        while not done:
-            action = act(observation) + rng.normal(0, noise, 4)
-            observation, _, terminated, truncated, info = env.step(action)
+        for *_, info in rollout(env, lambda env: act(env) + rng.normal(0, noise, 4), seed):
             keep(source, info["moment"].clearance)
-            done = terminated or truncated
 
     seed = 0
     while len(kept["expert"]) < 700:
-        episode("expert", lambda _: expert_action(env), seed, noise=0.5 * (seed % 3))
+        episode("expert", expert_action, seed, noise=0.5 * (seed % 3))
         seed += 1
     actors = sorted(ROOT.glob("results/*/runs/*/actor.safetensors"))
     assert actors, "no trained policy in results/*/runs"

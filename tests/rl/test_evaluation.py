@@ -1,4 +1,4 @@
-"""Trained policies from their run folders: the same rollouts again, films, drawn paths."""
+"""Rollouts: of trained policies from their run folders, films, drawn paths."""
 
 import numpy as np
 import pandas as pd
@@ -6,31 +6,44 @@ import pytest
 from PIL import Image
 
 from rlihf_lib.report.figures_task import paths_figure
-from rlihf_lib.rl.config import RunConfig, SACSettings
-from rlihf_lib.rl.evaluation import rollout
-from rlihf_lib.rl.replay import load_policy, record
-from rlihf_lib.rl.training import EVALUATION_SEEDS, train_run
-from rlihf_lib.task.expert import expert_action
+from rlihf_lib.rl.evaluation import EVALUATION_SEEDS, evaluate, load_policy, record, rollout, watch
+from rlihf_lib.rl.rewards import TrainingReward
+from rlihf_lib.rl.runs import RunConfig, SACSettings, write_run
+from rlihf_lib.rl.training import train_run
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.rendering import film
+from rlihf_lib.task.scripted import expert_action, sit_still
 
 HORIZON = 60
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs") / "dense-seed0"
     config = RunConfig(
         condition="dense", seed=0, total_steps=250, eval_every=250, horizon=HORIZON,
         eval_rollouts=1, sac=SACSettings(hidden=(32, 32), learning_starts=200, batch_size=64),
     )  # fmt: skip
-    train_run(config, folder)
-    return folder
+    return write_run(config, tmp_path_factory.mktemp("runs"), train_run(config))
+
+
+def test_a_rollout_ends_with_the_episode_and_can_be_left_before():
+    env = TrainingReward(PickPlaceEnv(5), "sparse", discount=0.9)
+    steps = list(rollout(env, sit_still, 1))
+    assert [truncated for _, _, _, truncated, _ in steps] == 4 * [False] + [True]
+    moments, terminated = watch(env, sit_still, 1, steps=3)
+    assert moments == [info["moment"] for *_, info in steps[:3]] and not terminated
+
+
+def test_steps_left_after_a_success_count_as_placed():
+    env = PickPlaceEnv(HORIZON)
+    (row,) = evaluate(env, expert_action, [1])
+    assert row["success"] == 1 and row["steps"] < HORIZON
+    assert row["return"] > HORIZON - row["steps"] + 1
 
 
 def test_loaded_policy_repeats_the_last_evaluation(folder):
     env = PickPlaceEnv(HORIZON)
-    again = rollout(env, load_policy(folder, env), EVALUATION_SEEDS + 1_000)
+    (again,) = evaluate(env, load_policy(folder, env), [EVALUATION_SEEDS + 1_000])
     last = pd.read_csv(folder / "eval.csv", float_precision="round_trip").iloc[-1]
     for name, value in again.items():
         assert value == pytest.approx(last[name], abs=1e-12), name
@@ -43,14 +56,14 @@ def test_missing_run_is_named(tmp_path):
 
 def test_recording_ends_with_the_can_on_the_goal():
     env = PickPlaceEnv(HORIZON)
-    recording = record(env, lambda _: expert_action(env), 1)
+    recording = record(env, expert_action, 1)
     assert recording.success and len(recording.hand) == len(recording.qpos) == env.steps + 1
     assert np.linalg.norm(recording.can[-1, :2] - env.goal[:2]) < 0.04
 
 
 def test_film_has_a_frame_for_every_state_and_stays_small(tmp_path):
     env = PickPlaceEnv(12)
-    recording = record(env, lambda _: expert_action(env), 1)
+    recording = record(env, expert_action, 1)
     if not film(tmp_path / "film.gif", recording.qpos, recording.seed):
         pytest.skip("no OpenGL library here")
     with Image.open(tmp_path / "film.gif") as pictures:
@@ -60,8 +73,8 @@ def test_film_has_a_frame_for_every_state_and_stays_small(tmp_path):
 
 def test_paths_figure_draws_every_run_from_above_and_from_the_side():
     env = PickPlaceEnv(HORIZON)
-    placed = record(env, lambda _: expert_action(env), 1)
-    idle = record(PickPlaceEnv(5), lambda _: np.zeros(4), 1)
+    placed = record(env, expert_action, 1)
+    idle = record(PickPlaceEnv(5), sit_still, 1)
     env.reset(seed=1)
     figure = paths_figure(env, {"dense": [placed, placed], "rlihf": [idle]}, "test")
     top, side = figure.axes

@@ -1,0 +1,87 @@
+"""The p(error) table: all that policies know of anybody's EEG. Its rows, its hash, its controls.
+
+Columns subject, epoch, label (1 = error) and p_error, in [0, 1], of decoded held-out epochs. A
+control is a subject of its own: "ideal", whose p(error) is the label; "<person>-mean", every
+p(error) replaced by the person's mean; "<person>-shuffled", p(error) permuted over the epochs, so
+that both classes answer alike.
+"""
+
+import numpy as np
+import pandas as pd
+
+from rlihf_lib.files import sha256
+
+IDEAL, MEAN, SHUFFLED = CONTROLS = ("ideal", "mean", "shuffled")
+
+
+def person_and_control(subject: str) -> tuple[str, str]:
+    """Split "s02-mean" into ("s02", "mean"), "ideal" into ("", "ideal"), "s02" into ("s02", "")."""
+    person, _, control = subject.rpartition("-")
+    return (person, control) if control in CONTROLS else (subject, "")
+
+
+def controls_of(person: str) -> tuple[str, str]:
+    """Return the subjects whose feedback is the person's with what it says taken out."""
+    return f"{person}-{MEAN}", f"{person}-{SHUFFLED}"
+
+
+def with_controls(p_error: pd.DataFrame, person: str) -> pd.DataFrame:
+    """Add the ideal decoder's rows to those of decoded people, and one person's controls."""
+    rows = rows_of(p_error, person)
+    shuffled = np.random.default_rng(0).permutation(rows["p_error"].to_numpy())
+    silent = zip(controls_of(person), (rows["p_error"].mean(), shuffled), strict=True)
+    tables = [rows.assign(subject=subject, p_error=p) for subject, p in silent]
+    ideal = perfect_table().assign(subject=IDEAL)
+    return pd.concat([p_error, ideal, *tables], ignore_index=True)
+
+
+def perfect_table() -> pd.DataFrame:
+    """Return the p(error) table of an ideal decoder, p = label."""
+    return pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.0, 1.0]})
+
+
+def rows_of(p_error: pd.DataFrame | None, subject: str) -> pd.DataFrame:
+    """Pick a subject's rows: all that a run may see of the table.
+
+    Raises
+    ------
+    ValueError
+        If there is no table, or it has no row of the subject.
+    """
+    known = [] if p_error is None else sorted(set(p_error["subject"]))
+    if p_error is None or subject not in known:
+        raise ValueError(
+            f"subject {subject!r} is not in the p(error) table (there: "
+            f"{', '.join(known) or 'none'}); decode it first with notebook 02"
+        )
+    return p_error[p_error["subject"] == subject].reset_index(drop=True)
+
+
+def p_error_sha256(p_error: pd.DataFrame | None, subject: str) -> str:
+    """Hash the rows a run draws its feedback from: epoch, label and p_error of one subject.
+
+    Raises
+    ------
+    ValueError
+        If the table has no row of the subject.
+    """
+    rows = rows_of(p_error, subject)[["epoch", "label", "p_error"]]
+    return sha256(rows.to_csv(index=False, lineterminator="\n"))
+
+
+def check_feedback(configs, p_error: pd.DataFrame | None) -> None:
+    """Check that the table holds the very rows that the `RunConfig`s name.
+
+    Raises
+    ------
+    ValueError
+        If a subject is missing or its rows have another hash.
+    """
+    named = {(config.subject, config.p_error_sha256) for config in configs if config.subject}
+    for subject, digest in sorted(named):
+        if p_error_sha256(p_error, subject) != digest:
+            raise ValueError(
+                f"the p(error) rows of {subject} are not those that the config names by hash; "
+                "make the configs from the table that is used (`Study.run_configs`), "
+                "or write the table anew with notebook 02"
+            )
