@@ -58,7 +58,7 @@ class Progress:
         self._write()
 
     def counted(self, done, total, seconds=None):
-        """Note that `done` of `total` are done; the callback of `eeg.decoding.run_loso`."""
+        """Note that `done` of `total` are done; the callback of `eeg.loso.run_loso`."""
         with self.lock:
             self.n_finished = done - (self.total - self.missing)
             if seconds is None:  # the start: what was done before takes no time now

@@ -5,44 +5,24 @@ import numpy as np
 from scipy import stats
 
 
-def difference_wave(epochs):
-    """Mean of the error epochs minus mean of the correct epochs.
-
-    Parameters
-    ----------
-    epochs : mne.BaseEpochs
-        With events ``correct`` and ``error``.
-
-    Returns
-    -------
-    mne.EvokedArray
-        EEG channels, volts.
-    """
+def difference_wave(epochs) -> mne.EvokedArray:
+    """Mean of the ``error`` epochs minus mean of the ``correct`` ones: EEG channels, volts."""
     return mne.combine_evoked(
         [epochs["error"].average(picks="eeg"), epochs["correct"].average(picks="eeg")], [1, -1]
     )
 
 
-def confidence_band(waves, level=0.95):
-    """Mean over subjects with its confidence band, by Student's t at every sample.
+def confidence_band(waves, level=0.95) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean over at least two subjects with its confidence band, by Student's t at every sample.
 
-    Parameters
-    ----------
-    waves : ndarray, shape (n_subjects, n_times)
-        At least two subjects.
-    level : float
-
-    Returns
-    -------
-    mean, low, high : ndarray, shape (n_times,)
+    Of waves, shape (n_subjects, n_times); mean, low and high have shape (n_times,).
     """
-    n = len(waves)
-    half = stats.t.ppf((1 + level) / 2, n - 1) * waves.std(axis=0, ddof=1) / np.sqrt(n)
     mean = waves.mean(axis=0)
-    return mean, mean - half, mean + half
+    low, high = stats.t.interval(level, len(waves) - 1, mean, stats.sem(waves))
+    return mean, low, high
 
 
-def peak_over_sd(epochs, channel="Cz", stop=0.6, h_freq=10.0):
+def peak_over_sd(epochs, channel="Cz", span=(0.1, 0.6), h_freq=10.0) -> tuple[float, float]:
     """Largest difference between the classes over the trial-to-trial standard deviation there.
 
     Of the deviations (sample, n - 1) of the two classes, the root of their mean square.
@@ -51,8 +31,8 @@ def peak_over_sd(epochs, channel="Cz", stop=0.6, h_freq=10.0):
     ----------
     epochs : mne.BaseEpochs
     channel : str
-    stop : float
-        The peak is sought from 0.1 s after the feedback to here, s.
+    span : pair of float
+        Where the peak is sought, s after the feedback.
     h_freq : float
         Low-pass before, Hz, as for the published value; for epochs of at least 1 s.
 
@@ -67,6 +47,6 @@ def peak_over_sd(epochs, channel="Cz", stop=0.6, h_freq=10.0):
     classes = [values[labels == epochs.event_id[name]] for name in ("error", "correct")]
     difference = classes[0].mean(axis=0) - classes[1].mean(axis=0)
     sd = np.sqrt(np.mean([values.var(axis=0, ddof=1) for values in classes], axis=0))
-    within = np.flatnonzero((epochs.times >= 0.1) & (epochs.times <= stop))
+    within = np.flatnonzero((epochs.times >= span[0]) & (epochs.times <= span[1]))
     peak = within[np.abs(difference[within]).argmax()]
     return float(np.abs(difference[peak]) / sd[peak]), float(epochs.times[peak])
