@@ -12,19 +12,9 @@ from rlihf_lib.study import EEG_SOURCES
 def train_live(study, config, folder, p_error=None, progress=lambda step: None) -> None:
     """Train a run as `rl.training.train_run` does, its feedback decoded live.
 
-    Parameters
-    ----------
-    study : Study
-        Names the recordings and holds the decoders' weights.
-    config, folder, p_error, progress
-        As for `train_run`; of the table only the epochs' numbers and labels are used.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the subject's decoder has not been trained yet.
-    ValueError
-        If a channel of a folder of epochs knows the answer (`channels.refuse_leaks`).
+    The study names the recordings and holds the decoders' weights; of the table only the epochs'
+    numbers and labels are used. A FileNotFoundError says if the subject's decoder has not been
+    trained yet, a ValueError if a channel knows the answer (`channels.refuse_leaks`).
     """
     decode = None
     if config.subject:

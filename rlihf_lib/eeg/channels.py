@@ -72,18 +72,8 @@ def channel_auroc(signals, labels) -> np.ndarray:
 def refuse_leaks(aurocs, channels, source) -> np.ndarray:
     """Refuse channels that tell the classes better than `MAX_AUROC` over all people.
 
-    Parameters
-    ----------
-    aurocs : sequence of ndarray, shape (n_channels, n_bins)
-        From `channel_auroc`, one per person.
-    channels : sequence of str
-    source : str
-        For the message.
-
-    Returns
-    -------
-    ndarray, shape (n_channels,)
-        Best AUROC of each channel, in either direction, averaged over people.
+    From one `channel_auroc` per person to the best AUROC of each channel, in either direction,
+    averaged over people, shape (n_channels,). `source` is for the message.
     """
     best = 0.5 + np.abs(np.mean(aurocs, axis=0) - 0.5).max(axis=1)
     known = {name: value for name, value in zip(channels, best, strict=True) if value > MAX_AUROC}

@@ -19,14 +19,8 @@ from rlihf_lib.files import atomic_path
 class Decoder:
     """An ensemble of EEGNets with one temperature.
 
-    Parameters
-    ----------
-    input_format : InputFormat
-        Channels, sampling rate and window it was trained on.
-    networks : EEGNetBatch
-    temperature : float
-    prior : float
-        Fraction of errors among the epochs of its training pool.
+    `input_format` says what channels, sampling rate and window it was trained on, `prior` what
+    fraction of the epochs of its training pool were errors.
     """
 
     def __init__(

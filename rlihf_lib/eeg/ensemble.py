@@ -76,10 +76,9 @@ class EEGNetBatch(nn.Module):
             getattr(self, name.replace(".", "_")).copy_(stacked)
 
     def patch_moments(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """First and second moments of the patches a temporal filter sees.
+        """First and second moments of the patches a temporal filter sees in each of some epochs.
 
-        Of epochs, shape (n, n_channels, n_times), averaged over the channels and times of each:
-        shapes (n, kernel) and (n, kernel, kernel).
+        From shape (n, n_channels, n_times) to shapes (n, kernel) and (n, kernel, kernel).
         """
         kernel = self.architecture.kernel
         left = (kernel - 1) // 2

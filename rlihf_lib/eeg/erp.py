@@ -4,6 +4,9 @@ import mne
 import numpy as np
 from scipy import stats
 
+H_FREQ = 10.0  # Hz, low-pass of `peak_over_sd`
+PEAK = (0.1, 0.6)  # s after the feedback, where it seeks the peak
+
 
 def difference_wave(epochs) -> mne.EvokedArray:
     """Mean of the ``error`` epochs minus mean of the ``correct`` ones: EEG channels, volts."""
@@ -22,31 +25,17 @@ def confidence_band(waves, level=0.95) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return mean, low, high
 
 
-def peak_over_sd(epochs, channel="Cz", span=(0.1, 0.6), h_freq=10.0) -> tuple[float, float]:
-    """Largest difference between the classes over the trial-to-trial standard deviation there.
+def peak_over_sd(epochs) -> tuple[float, float]:
+    """Largest difference of the classes at Cz over the trial-to-trial SD there; its latency in s.
 
-    Of the deviations (sample, n - 1) of the two classes, the root of their mean square.
-
-    Parameters
-    ----------
-    epochs : mne.BaseEpochs
-    channel : str
-    span : pair of float
-        Where the peak is sought, s after the feedback.
-    h_freq : float
-        Low-pass before, Hz, as for the published value; for epochs of at least 1 s.
-
-    Returns
-    -------
-    ratio : float
-    latency : float
-        Of the peak, s.
+    Low-passed as the published value is, which needs epochs of at least 1 s. Of the deviations
+    (sample, n - 1) of the two classes, the root of their mean square.
     """
-    values, labels = epochs.get_data(channel)[:, 0], epochs.events[:, 2]
-    values = mne.filter.filter_data(values, epochs.info["sfreq"], None, h_freq, verbose="error")
+    values, labels = epochs.get_data("Cz")[:, 0], epochs.events[:, 2]
+    values = mne.filter.filter_data(values, epochs.info["sfreq"], None, H_FREQ, verbose="error")
     classes = [values[labels == epochs.event_id[name]] for name in ("error", "correct")]
     difference = classes[0].mean(axis=0) - classes[1].mean(axis=0)
     sd = np.sqrt(np.mean([values.var(axis=0, ddof=1) for values in classes], axis=0))
-    within = np.flatnonzero((epochs.times >= span[0]) & (epochs.times <= span[1]))
+    within = np.flatnonzero((epochs.times >= PEAK[0]) & (epochs.times <= PEAK[1]))
     peak = within[np.abs(difference[within]).argmax()]
     return float(np.abs(difference[peak]) / sd[peak]), float(epochs.times[peak])

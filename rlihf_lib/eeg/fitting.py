@@ -55,18 +55,12 @@ DEFAULTS = DecoderSettings()
 class FoldData:
     """The epochs of a training pool, joined, and which of them train and validate each network."""
 
-    x: torch.Tensor
-    """Epochs, shape (n_channels, n, n_times)."""
-    labels: torch.Tensor
-    """Shape (n,), 1 = error."""
-    offsets: torch.Tensor
-    """Shape (n,), prior log-odds of an error of each epoch's subject."""
-    subjects: np.ndarray
-    """Shape (n,)."""
-    training: list[torch.Tensor]
-    """Of every network, the rows that train it."""
-    validation: list[torch.Tensor]
-    """Of every network, the rows that decide when it stops."""
+    x: torch.Tensor  # epochs, shape (n_channels, n, n_times)
+    labels: torch.Tensor  # shape (n,), 1 = error
+    offsets: torch.Tensor  # shape (n,), prior log-odds of an error of each epoch's subject
+    subjects: np.ndarray  # shape (n,)
+    training: list[torch.Tensor]  # of every network, the rows that train it
+    validation: list[torch.Tensor]  # of every network, the rows that decide when it stops
 
 
 def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.DataFrame]:
@@ -84,10 +78,8 @@ def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.Da
     Returns
     -------
     decoder : Decoder
-    validation : DataFrame
-        network, subject, label, log_odds: every network on its own validation subjects.
-    history : DataFrame
-        See `train`.
+    validation, history : DataFrame
+        See `_validate` and `train`.
 
     Notes
     -----
@@ -143,20 +135,10 @@ def join(pool, members, device="cpu") -> FoldData:
 
 
 def train(networks, data, seeds, settings) -> pd.DataFrame:
-    """Train networks in place and leave each with its best weights.
+    """Train networks, an `EEGNetBatch`, in place and leave each with its best weights.
 
-    Parameters
-    ----------
-    networks : ensemble.EEGNetBatch
-    data : FoldData
-    seeds : list of int
-        Of every network's order of epochs.
-    settings : DecoderSettings
-
-    Returns
-    -------
-    DataFrame
-        network, pass, training_loss, validation_loss.
+    `seeds` are those of every network's order of epochs. The table's columns are network, pass,
+    training_loss, validation_loss.
     """
     rate, decay = settings.learning_rate, settings.weight_decay
     optimizer = torch.optim.Adam(networks.parameters(), rate, weight_decay=decay, fused=True)
@@ -229,20 +211,17 @@ def _validation_losses(networks, data):
 
 @torch.no_grad()
 def _validate(networks, data):
-    """Every network on its own validation subjects; see `FittedFold.validation`."""
+    """Table of what every network gives its own validation subjects, in double precision."""
     scored = []
     for network, rows in enumerate(data.validation):
         x = data.x[:, rows].double().cpu()[:, None].expand(-1, networks.n_networks, -1, -1)
         logits = networks(x.contiguous())[network]
-        scored.append(
-            pd.DataFrame(
-                {
-                    "network": network,
-                    "subject": data.subjects[rows.cpu()],
-                    "label": data.labels[rows].cpu(),
-                    "log_odds": logits[:, 1] - logits[:, 0],
-                    "prior_log_odds": data.offsets[rows].cpu(),
-                }
-            )
-        )
+        columns = {
+            "network": network,
+            "subject": data.subjects[rows.cpu()],
+            "label": data.labels[rows].cpu(),
+            "log_odds": logits[:, 1] - logits[:, 0],
+            "prior_log_odds": data.offsets[rows].cpu(),
+        }
+        scored.append(pd.DataFrame(columns))
     return pd.concat(scored, ignore_index=True)

@@ -15,17 +15,14 @@ from rlihf_lib.eeg.channels import refuse_unlocated, require_channels, set_posit
 #: Of the channels that are read from a folder; EOG is decoded only to see what the eyes tell.
 TYPES = ("eeg", "eog")
 EVENT_ID = {"correct": 1, "error": 2}
-_FILE = re.compile(r"sub-(?P<subject>[^_]+)(?:_ses-(?P<session>[^_]+))?_epo\.fif")
+_FILE = re.compile(r"sub-([^_]+)(?:_ses-([^_]+))?_epo\.fif")
 _FDT_ITEM = 4  # bytes of a sample
 
 
 def read_eeglab(path) -> mne.io.RawArray:
     """Read a continuous EEGLAB recording, strictly.
 
-    Parameters
-    ----------
-    path : str or Path
-        A `.set` file, with its data embedded or in a `.fdt` file beside it.
+    Its data may be embedded in the `.set` or lie in a `.fdt` beside it.
 
     Returns
     -------
@@ -73,7 +70,7 @@ def read_eeglab(path) -> mne.io.RawArray:
 
 def folder_subjects(folder) -> list[str]:
     """Subjects of a folder of epochs, the XX of its files, sorted."""
-    return sorted({match["subject"] for _, match in _files(folder)})
+    return sorted({subject for subject, _, _ in _files(folder)})
 
 
 def read_folder_epochs(folder, subject, events=("correct", "error"), drop=()) -> mne.EpochsArray:
@@ -81,10 +78,7 @@ def read_folder_epochs(folder, subject, events=("correct", "error"), drop=()) ->
 
     Parameters
     ----------
-    folder : str or Path
-        Holds ``sub-XX_epo.fif`` or ``sub-XX_ses-YY_epo.fif``.
-    subject : str
-        The XX.
+    folder, subject : str or Path, str
     events : pair of str
         Names of correct and error in the files; epochs of other events are left out.
     drop : sequence of str
@@ -93,8 +87,8 @@ def read_folder_epochs(folder, subject, events=("correct", "error"), drop=()) ->
     Returns
     -------
     mne.EpochsArray
-        EEG and EOG channels in the order of the first session; see `labelled_epochs`. The metadata
-        holds subject, session, epoch and label.
+        EEG and EOG channels in the order of the first session; subject, session, epoch and label
+        in the metadata.
 
     Raises
     ------
@@ -106,45 +100,29 @@ def read_folder_epochs(folder, subject, events=("correct", "error"), drop=()) ->
         EEG channel has no position.
     """
     check_subject(subject, folder_subjects(folder), folder)
-    files = sorted(
-        (match["session"] or "", path) for path, match in _files(folder)
-        if match["subject"] == subject
-    )  # fmt: skip
-    sessions = [_read_session(path, events, drop) for _, path in files]
-    first = sessions[0][0]
-    data = [
-        _values(epochs, first, path)
-        for (epochs, *_), (_, path) in zip(sessions, files, strict=True)
-    ]
-    table = pd.DataFrame({"subject": subject, "session": np.repeat(
-        [name for name, _ in files], [len(labels) for _, labels, _ in sessions]
-    )})  # fmt: skip
-    table["epoch"] = np.arange(len(table))
-    table["label"] = np.concatenate([labels for _, labels, _ in sessions])
+    files = [(session, path) for person, session, path in _files(folder) if person == subject]
+    sessions = [_read_session(*file, events, drop) for file in files]
+    first, paths = sessions[0], [path for _, path in files]
+    data = [_values(*session, first) for session in zip(sessions, paths, strict=True)]
+    table = pd.concat([epochs.metadata for epochs in sessions], ignore_index=True)
     for label, event in enumerate(events):
         if not (table["label"] == label).any():
-            found = sorted({name for *_, names in sessions for name in names})
+            found = {name for path in paths for name in _read(mne.read_epochs, path).event_id}
             raise ValueError(
                 f"{folder}: subject {subject} has no epoch of the event {event!r} (its events: "
-                f"{', '.join(found) or 'none'}); name the two with --events OK ERR"
+                f"{', '.join(sorted(found)) or 'none'}); name the two with --events OK ERR"
             )
+    table.insert(0, "subject", subject)
+    table.insert(2, "epoch", np.arange(len(table)))
     set_positions(first)
-    refuse_unlocated(first.info, files[0][1])
+    refuse_unlocated(first.info, paths[0])
     return labelled_epochs(np.concatenate(data), first.info, first.tmin, table)
 
 
 def labelled_epochs(data, info, tmin, metadata) -> mne.EpochsArray:
-    """Epochs with events ``correct`` and ``error``.
+    """Epochs with events ``correct`` and ``error`` from data in volts that start `tmin` s after it.
 
-    Parameters
-    ----------
-    data : ndarray, shape (n, n_channels, n_times)
-        Volts.
-    info : mne.Info
-    tmin : float
-        Time of the first sample relative to the feedback, s.
-    metadata : DataFrame
-        With label (0 correct, 1 error) and epoch, or, of a recording, sample.
+    The metadata hold label (0 correct, 1 error) and epoch or, of a recording, sample.
     """
     # Distinct first samples, which MNE demands; folders have no continuous time.
     first = metadata["sample"] if "sample" in metadata else metadata["epoch"]
@@ -157,7 +135,7 @@ def labelled_epochs(data, info, tmin, metadata) -> mne.EpochsArray:
 
 def other_channels(folder, drop=()) -> dict[str, str]:
     """Type by name of a folder's channels that are neither EEG nor EOG, nor dropped."""
-    types = _channel_types(*(path for path, _ in _files(folder)))
+    types = _channel_types(*(path for *_, path in _files(folder)))
     return {n: kind for n, kind in types.items() if kind not in TYPES and n not in drop}
 
 
@@ -196,17 +174,18 @@ def _marker(kind):
     return f"{marker[1] or 'S'}{int(marker[2]):3d}" if marker else kind.strip()
 
 
-def _read_session(path, events, drop):
-    """Epochs of the two events on the channels that are kept, their labels, all events' names."""
+def _read_session(session, path, events, drop):
+    """Epochs of the two events on the channels that are kept, session and label in the metadata."""
     epochs = _read(mne.read_epochs, path)
     codes = {epochs.event_id[event]: label for label, event in enumerate(events)
              if event in epochs.event_id}  # fmt: skip
-    names = list(epochs.event_id)
     epochs = epochs.pick(_kept(path, drop))[np.isin(epochs.events[:, 2], list(codes))]
-    return epochs, np.array([codes[code] for code in epochs.events[:, 2]], dtype=int), names
+    labels = np.array([codes[code] for code in epochs.events[:, 2]], dtype=int)
+    epochs.metadata = pd.DataFrame({"session": session, "label": labels})
+    return epochs
 
 
-def _values(epochs, first, path):
+def _values(epochs, path, first):
     """Data of a session in the channel order of the first, whose layout it must have."""
     require_channels(epochs.ch_names, first.ch_names, path)
     layout, expected = (
@@ -246,7 +225,7 @@ def _kept(path, drop):
     types = _channel_types(path)
     # Not every file needs to have what another one has too much.
     if not set(drop) <= set(types):
-        known = _channel_types(*(path for path, _ in _files(path.parent)))
+        known = _channel_types(*(path for *_, path in _files(path.parent)))
         unknown = [name for name in drop if name not in known]
         if unknown:
             raise ValueError(
@@ -264,14 +243,15 @@ def _kept(path, drop):
 
 
 def _files(folder):
+    """Subject, session ("" if it has none) and path of the epochs of a folder, sorted."""
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(
             f"{folder} is not a folder; eeg takes 'simulated', 'hri', or a folder of epochs "
             "named sub-XX[_ses-YY]_epo.fif"
         )
-    found = [(path, _FILE.fullmatch(path.name)) for path in sorted(folder.iterdir())]
-    found = [(path, match) for path, match in found if match]
+    matches = [(_FILE.fullmatch(path.name), path) for path in folder.iterdir()]
+    found = [(match[1], match[2] or "", path) for match, path in matches if match]
     if not found:
         raise ValueError(f"{folder} holds no file named sub-XX[_ses-YY]_epo.fif")
-    return found
+    return sorted(found)

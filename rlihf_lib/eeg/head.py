@@ -11,6 +11,7 @@ from functools import lru_cache
 import mne
 import numpy as np
 import scipy.fft
+from scipy.special import expit
 
 from rlihf_lib.eeg.hri import CHANNELS, EOG_CHANNELS, SFREQ
 
@@ -18,10 +19,15 @@ from rlihf_lib.eeg.hri import CHANNELS, EOG_CHANNELS, SFREQ
 _EOG_PLACES = {"EOG1": "AF9", "EOG2": "AF10", "EOG3": "Fpz"}
 _MASTOIDS = ("TP9", "TP10")
 _N_SHELL, _SHELL_RADIUS, _SHELL_BASE = 216, 0.40, -0.5  # dipoles, head radii, cosine from the top
-RESPONSE = 1.2  # s, how long a response to feedback lasts
+_ALPHA_PLACES = ((-0.25, -0.65, 0.15), (0.25, -0.65, 0.15), (0.0, -0.55, 0.40))
+_ALPHA_DIRECTIONS = ((-0.3, -1.0, 0.2), (0.3, -1.0, 0.2), (0.0, -1.0, 0.5))
+_ALPHA_RATE, _ALPHA_WIDTH = 10.0, 0.9  # Hz, mean over people and SD of the peak
+_EYES = ((-0.33, 0.72, -0.30), (0.33, 0.72, -0.30))
+RESPONSE, BLINK, GAZE, MOVEMENT = 1.2, 0.5, 1.6, 0.6  # s, how long each lasts
 FRAME_DELAY = 1.0  # s after the feedback the frame changes again
-BLINK, GAZE, MOVEMENT = 0.5, 1.6, 0.6  # s, how long each lasts
-N_MOVEMENTS = 12
+BLINK_SIZE, SACCADE_SIZE = (70, 130), (3, 12)  # uV, from and to, at Fp1 and at the EOG electrodes
+SACCADE = 0.008  # s, time constant
+N_MOVEMENTS, MOVEMENT_SIZE = 12, 120  # a recording; uV, SD over electrodes
 
 
 @lru_cache
@@ -35,17 +41,9 @@ def _model():
 
 
 def lead_field(positions) -> np.ndarray:
-    """Potentials of unit dipoles at the electrodes.
+    """Potentials of unit dipoles at the electrodes, shape (30, n, 3): uV per nAm along x, y, z.
 
-    Parameters
-    ----------
-    positions : array_like, shape (n, 3)
-        Norm below 0.9, inside the brain's sphere.
-
-    Returns
-    -------
-    ndarray, shape (30, n, 3)
-        Microvolts per nAm along x, y and z.
+    Positions have shape (n, 3) and norms below 0.9, inside the brain's sphere.
     """
     info, sphere, centre, radius = _model()
     positions = centre + radius * np.atleast_2d(positions)
@@ -94,12 +92,7 @@ def _root(covariance):
 def background(n_samples, model, person, rng) -> np.ndarray:
     """1/f activity of the cortex, occipital alpha, and noise of amplifier and electrodes.
 
-    Parameters
-    ----------
-    n_samples : int
-    model : simulated.Model
-    person, rng : numpy.random.Generator
-        What stays the same in a person; what varies from sample to sample.
+    Of the generators, `person` draws what stays the same in a person, `rng` what varies in time.
     """
     n_channels = len(CHANNELS)
     eeg = [name not in EOG_CHANNELS for name in CHANNELS]
@@ -111,13 +104,12 @@ def background(n_samples, model, person, rng) -> np.ndarray:
     data = _root(covariance) @ coloured(
         (n_channels, n_samples), lambda f: (f + 0.5) ** -model.exponent, rng
     )
-    peak = 10.0 + person.standard_normal()  # Hz
-    places = lead_field([[-0.25, -0.65, 0.15], [0.25, -0.65, 0.15], [0.0, -0.55, 0.40]])
-    waves = np.einsum("csd,sd->cs", places, [[-0.3, -1, 0.2], [0.3, -1, 0.2], [0, -1, 0.5]])
+    peak = _ALPHA_RATE + person.standard_normal()
+    waves = np.einsum("csd,sd->cs", lead_field(_ALPHA_PLACES), _ALPHA_DIRECTIONS)
     occipital = [CHANNELS.index("O1"), CHANNELS.index("O2")]
     waves *= model.alpha * np.exp(0.4 * person.standard_normal()) / np.abs(waves[occipital]).sum()
     data += (waves * 2) @ coloured(
-        (3, n_samples), lambda f: np.exp(-((f - peak) ** 2) / 2 / 0.9**2), rng
+        (3, n_samples), lambda f: np.exp(-((f - peak) ** 2) / 2 / _ALPHA_WIDTH**2), rng
     )
     # Noise at the two mastoids enters every channel through the reference.
     noise = np.eye(n_channels) + 0.5
@@ -149,15 +141,7 @@ def _bumps(time, latency, width):
 def add_responses(data, trials, subject, model, rngs) -> None:
     """Add each trial's response to feedback and, on errors, the error response.
 
-    Parameters
-    ----------
-    data : ndarray
-        Changed in place.
-    trials : list of simulated.Trial
-    subject : str
-    model : simulated.Model
-    rngs : pair of numpy.random.Generator
-        Of the person, and of the trials.
+    The pair of generators draws what is the person's, and what is the trial's.
     """
     person, rng = rngs
     gain, shift, oddness = model.people[subject]
@@ -183,14 +167,14 @@ def add_responses(data, trials, subject, model, rngs) -> None:
 
 def add_eyes(data, trials, model, rng) -> None:
     """Add blinks at random moments; small saccades to where the feedback moved, and back."""
-    eyes = lead_field([[-0.33, 0.72, -0.30], [0.33, 0.72, -0.30]]).sum(axis=1)
+    eyes = lead_field(_EYES).sum(axis=1)
     down = eyes[:, 2] * 0.4 + eyes[:, 1]
     down = down / down[CHANNELS.index("Fp1")]
     n_samples = data.shape[1]
     time = np.arange(int(BLINK * SFREQ)) / SFREQ
     for start in np.flatnonzero(rng.random(n_samples) < model.blinks / SFREQ):
-        shape = rng.uniform(70, 130) * np.exp(-0.5 * ((time - 0.18) / rng.uniform(0.05, 0.08)) ** 2)
-        shape = shape[: n_samples - start]
+        size, width = rng.uniform(*BLINK_SIZE), rng.uniform(0.05, 0.08)
+        shape = size * np.exp(-0.5 * ((time - 0.18) / width) ** 2)[: n_samples - start]
         data[:, start : start + len(shape)] += down[:, None] * shape
     across = eyes[:, 0] / eyes[CHANNELS.index("EOG2"), 0]
     up = eyes[:, 2] / np.abs(eyes[CHANNELS.index("EOG3"), 2])
@@ -198,8 +182,8 @@ def add_eyes(data, trials, model, rng) -> None:
     time = np.arange(int(GAZE * SFREQ)) / SFREQ
     for trial in trials:
         late, back = rng.normal(0.25, 0.04), rng.normal(1.3, 0.1)
-        size = rng.uniform(3, 12)
-        gaze = 1 / (1 + np.exp(-(time - late) / 0.008)) - 1 / (1 + np.exp(-(time - back) / 0.008))
+        size = rng.uniform(*SACCADE_SIZE)
+        gaze = expit((time - late) / SACCADE) - expit((time - back) / SACCADE)
         first = int(trial.feedback * SFREQ)
         data[:, first : first + len(time)] += size * looks[:, [trial.moved]] * gaze
 
@@ -209,4 +193,6 @@ def add_movements(data, rng) -> None:
     time = np.arange(int(MOVEMENT * SFREQ)) / SFREQ
     for start in rng.integers(0, data.shape[1] - len(time), N_MOVEMENTS):
         wave = np.sin(2 * np.pi * rng.uniform(2, 5) * time) * np.hanning(len(time))
-        data[:, start : start + len(time)] += rng.normal(0, 120, len(data))[:, None] * wave
+        data[:, start : start + len(time)] += (
+            rng.normal(0, MOVEMENT_SIZE, len(data))[:, None] * wave
+        )

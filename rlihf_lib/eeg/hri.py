@@ -49,11 +49,7 @@ RANGE_NOT_SATISFIABLE = 416  # the partial file is as long as the whole already
 
 
 def cache_dir() -> Path:
-    """Folder for recordings and epochs, outside the repository.
-
-    The environment variable ``RLIHF_CACHE`` if it is set, else the user's cache folder
-    (``~/.cache/rlihf`` on Linux).
-    """
+    """Folder for recordings and epochs: ``RLIHF_CACHE``, by default ``~/.cache/rlihf`` on Linux."""
     return Path(os.environ.get("RLIHF_CACHE") or platformdirs.user_cache_dir("rlihf"))
 
 
@@ -73,15 +69,10 @@ def git_blob_id(path: Path) -> str:
 
 
 def recording(subject: str) -> Path:
-    """Path of a subject's verified `.set` file, downloaded first if it is not there.
+    """A subject's verified `.set` in ``<cache>/errp-hri/<folder>``, downloaded if it is missing.
 
-    It comes from GitHub, or from the mirror that the environment variable ``RLIHF_HRI_URL`` names.
-
-    Returns
-    -------
-    Path
-        ``<cache>/errp-hri/<folder>/<subject>_cursor.set``, its `.fdt` beside it. `s12_cursor` lies
-        in the folder `robot`, as it does in the repository.
+    It comes from GitHub, or the mirror that the environment variable ``RLIHF_HRI_URL`` names; its
+    `.fdt` lies beside it. `s12_cursor` is in the folder `robot`, as in the repository.
 
     Raises
     ------
@@ -92,7 +83,7 @@ def recording(subject: str) -> Path:
         kept, and the next call goes on from there.
     """
     blobs = blob_ids()
-    url = os.environ.get("RLIHF_HRI_URL", URL).rstrip("/")
+    url = (os.environ.get("RLIHF_HRI_URL") or URL).rstrip("/")
     # The .set last: where it is, the .fdt is complete.
     for suffix in (".fdt", ".set"):
         place = next(path for path in blobs if path.endswith(f"/{subject}_cursor{suffix}"))

@@ -17,6 +17,7 @@ from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
 from rlihf_lib.eeg.splits import leave_one_subject_out
 
 STEP = 0.05  # s
+N_FOLDS = 10  # within a subject
 
 
 def scaling(signals) -> np.ndarray:
@@ -39,14 +40,10 @@ def whitening(signals) -> np.ndarray:
 def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFrame:
     """Decode every subject by what all others teach, leave-one-subject-out.
 
-    Parameters
-    ----------
-    cohort, settings
-        As for `loso.run_loso`; the same window and channels are decoded.
-    spatial : {`whitening`, `scaling`}
-        Makes the spatial filters of a subject from all of the subject's epochs, without labels.
-        That is more than the networks get, which see nothing of the held-out subject but the epoch
-        to decode; LDA needs it.
+    Of a cohort as for `loso.run_loso`, the same window and channels are decoded. `spatial`,
+    `whitening` or `scaling`, makes the spatial filters of a subject from all of the subject's
+    epochs, without labels. That is more than the networks get, which see nothing of the held-out
+    subject but the epoch to decode; LDA needs it.
 
     Returns
     -------
@@ -66,7 +63,7 @@ def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFram
     return pd.DataFrame(rows)
 
 
-def within_subject(cohort, settings=DEFAULTS, n_folds=10) -> pd.DataFrame:
+def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
     """Cross-validated decoding of each person, by folds contiguous in time.
 
     Whitening and classifier are fitted on the training folds only; epochs are in the order of time.
@@ -74,9 +71,9 @@ def within_subject(cohort, settings=DEFAULTS, n_folds=10) -> pd.DataFrame:
     rows = []
     for subject in cohort:
         signals, labels, width = _window(subject, cohort[subject], settings)
-        fold = np.arange(len(labels)) * n_folds // len(labels)
+        fold = np.arange(len(labels)) * N_FOLDS // len(labels)
         decision = np.empty(len(labels))
-        for k in range(n_folds):
+        for k in range(N_FOLDS):
             train = fold != k
             x = _means(whitening(signals[train]) @ signals, width)
             decision[~train] = _fit(x[train], labels[train]).decision_function(x[~train])

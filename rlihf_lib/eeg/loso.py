@@ -32,14 +32,8 @@ _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a s
 def recorded_cohort(eeg, subjects, events=("correct", "error"), drop_channels=()) -> Cohort:
     """The epochs that are decoded: preprocessed, in the reference they were recorded with.
 
-    Parameters
-    ----------
-    eeg, subjects
-        As for `Cohort`.
-    events : pair of str
-        Names of the correct and the error event in a folder of epochs.
-    drop_channels : sequence of str
-        Channels of a folder of epochs that are left out.
+    Of a folder of epochs, `events` are the names of the correct and the error event, and
+    `drop_channels` are left out.
 
     Notes
     -----
@@ -182,24 +176,21 @@ def _score(decoder, validation, table, settings):
     """Row of `run_loso` for one held-out subject."""
     p_validation = scores.probability(validation["log_odds"], decoder.temperature, decoder.prior)
     rng = np.random.default_rng(settings.seed)
+    p_error, p_raw, labels = (table[name] for name in ("p_error", "p_error_raw", "label"))
+    validated = [
+        scores.auroc(rows["log_odds"].to_numpy(), rows["label"].to_numpy())
+        for _, rows in validation.groupby(["network", "subject"])
+    ]
     row = {
         "subject": table["subject"][0],
         "accuracy_pretrain": scores.accuracy(p_validation, validation["label"]),
-        **scores.score(
-            table["p_error"], table["p_error_raw"], table["label"], decoder.prior,
-            settings.n_permutations, rng,
-        ),
+        **scores.score(p_error, p_raw, labels, decoder.prior, settings.n_permutations, rng),
         "n_epochs": len(table),
-        "n_errors": int(table["label"].sum()),
+        "n_errors": int(labels.sum()),
         "temperature": decoder.temperature,
         "prior": decoder.prior,
-        "auroc_validation": np.mean(
-            [
-                scores.auroc(rows["log_odds"].to_numpy(), rows["label"].to_numpy())
-                for _, rows in validation.groupby(["network", "subject"])
-            ]
-        ),
-    }  # fmt: skip
+        "auroc_validation": np.mean(validated),
+    }
     return pd.DataFrame([row])
 
 
@@ -229,14 +220,8 @@ def _is_done(folder, subject, key):
 
 def _merge(folder, subjects, name):
     """Join and write one table of the folds, in the order of the subjects."""
-    parts = [
-        pd.read_csv(
-            folder / "folds" / subject / f"{name}.csv",
-            dtype={"subject": str},
-            float_precision="round_trip",
-        )
-        for subject in subjects
-    ]
-    merged = pd.concat(parts, ignore_index=True)
+    read = partial(pd.read_csv, dtype={"subject": str}, float_precision="round_trip")
+    files = [folder / "folds" / subject / f"{name}.csv" for subject in subjects]
+    merged = pd.concat(map(read, files), ignore_index=True)
     write_csv(folder / f"{name}.csv", merged)
     return merged

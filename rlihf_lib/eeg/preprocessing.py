@@ -8,17 +8,9 @@ import mne
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.eeg import recordings
+from rlihf_lib.eeg import hri, recordings
 from rlihf_lib.eeg.formats import labelled_epochs, read_folder_epochs
-from rlihf_lib.eeg.hri import (
-    CORRECT,
-    FEEDBACKS,
-    HUMAN_ERROR,
-    MACHINE_ERROR,
-    N_TRIALS_PER_BLOCK,
-    STIMULI,
-    cache_dir,
-)
+from rlihf_lib.eeg.hri import CORRECT, FEEDBACKS, HUMAN_ERROR, MACHINE_ERROR
 from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
 
 _VERSION = 1  # raise when the steps change in anything but their settings
@@ -73,15 +65,7 @@ class Cohort(Mapping):
 
 
 def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
-    """Preprocessed epochs of one subject.
-
-    Parameters
-    ----------
-    eeg : str or Path
-        ``"simulated"``, ``"hri"``, or a folder of epochs.
-    subject : str
-        One of `recordings.source_subjects`.
-    settings : Preprocessing
+    """Preprocessed epochs of one subject (`recordings.source_subjects`) of a source of EEG.
 
     Returns
     -------
@@ -111,12 +95,9 @@ def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
 def load_events(eeg, subject, settings=Preprocessing()) -> pd.DataFrame:
     """All feedback events of a simulated or ErrP-HRI subject, and what became of each.
 
-    Returns
-    -------
-    DataFrame
-        One row per feedback: subject, session, epoch, sample (onset in the preprocessed data),
-        block, label (0 correct, 1 error, -1 neither), status (kept, artefact, human error,
-        no outcome, past the end).
+    One row per feedback: subject, session, epoch, sample (onset in the preprocessed data), block,
+    label (0 correct, 1 error, -1 neither), status (kept, artefact, human error, no outcome, past
+    the end).
     """
     return _cached(eeg, subject, settings)[1]
 
@@ -170,7 +151,7 @@ def cut(raw, events, settings) -> mne.EpochsArray:
 def _feedback_events(raw):
     """Feedback events in the order of time, labelled by the outcome marker of their trial."""
     onset, name = raw.annotations.onset, raw.annotations.description
-    trial = np.searchsorted(onset[np.isin(name, STIMULI)], onset, side="right")
+    trial = np.searchsorted(onset[np.isin(name, hri.STIMULI)], onset, side="right")
     rows = []
     for index in np.flatnonzero(np.isin(name, FEEDBACKS)):
         outcomes = set(name[trial == trial[index]]) & {CORRECT, HUMAN_ERROR, MACHINE_ERROR}
@@ -185,7 +166,7 @@ def _feedback_events(raw):
             f"among the events of the recording, which are {', '.join(sorted(set(name))) or 'none'}"
         )
     events["epoch"] = np.arange(len(events))
-    events["block"] = events["epoch"] // N_TRIALS_PER_BLOCK
+    events["block"] = events["epoch"] // hri.N_TRIALS_PER_BLOCK
     return events
 
 
@@ -202,7 +183,7 @@ def _cached(eeg, subject, settings):
     used = asdict(settings)
     del used["drop_channels"]  # says nothing of recordings, whose cached epochs stay good
     key = sha256(canonical_json([_VERSION, eeg, subject, content, used]))[:16]
-    file = cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
+    file = hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
     table = file.with_name(f"{subject}-{key}.csv")
     if not (file.is_file() and table.is_file()):
         raw, events = load_continuous(eeg, subject, settings)
@@ -216,15 +197,14 @@ def _cached(eeg, subject, settings):
 def _folder_epochs(eeg, subject, settings):
     names = (settings.correct_event, settings.error_event)
     epochs = read_folder_epochs(eeg, subject, names, settings.drop_channels)
-    info, band = epochs.info, {}
+    info, band = epochs.info, []
     if info["highpass"] < settings.l_freq:
-        band["l_freq"] = settings.l_freq
+        band.append((settings.l_freq, None))
     if info["lowpass"] > settings.h_freq:
-        band["h_freq"] = settings.h_freq
-    for edge, frequency in band.items():
-        edges = {"l_freq": None, "h_freq": None, edge: frequency}
-        length = len(mne.filter.create_filter(None, info["sfreq"], **edges, verbose="error"))
+        band.append((None, settings.h_freq))
+    for edges in band:
+        length = len(mne.filter.create_filter(None, info["sfreq"], *edges, verbose="error"))
         if len(epochs.times) >= 3 * length:
-            epochs.filter(**edges, picks=["eeg", "eog"], verbose="error")
+            epochs.filter(*edges, picks=["eeg", "eog"], verbose="error")
     _resample_and_reference(epochs, settings)
     return epochs

@@ -33,10 +33,7 @@ def recording_path(eeg, subject) -> Path:
 
 
 def read_recording(eeg, subject) -> mne.io.RawArray:
-    """Continuous recording of a simulated or ErrP-HRI subject, its 27 EEG channels checked.
-
-    Errors are those of `recording_path` and `formats.read_eeglab`.
-    """
+    """Continuous recording of a simulated or ErrP-HRI subject, its 27 EEG channels checked."""
     path = recording_path(eeg, subject)
     raw = formats.read_eeglab(path)
     require_channels(raw.ch_names, hri.EEG_CHANNELS, path)

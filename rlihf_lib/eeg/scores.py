@@ -112,10 +112,8 @@ def score(p_error, p_raw, labels, prior, n_resamples, rng) -> dict[str, float]:
 
     Parameters
     ----------
-    p_error, p_raw : ndarray, shape (n,)
-        Calibrated and uncalibrated p(error).
-    labels : ndarray, shape (n,)
-        1 = error, 0 = correct; both must occur.
+    p_error, p_raw, labels : ndarray, shape (n,)
+        Calibrated and uncalibrated p(error); 1 = error, 0 = correct, both of which occur.
     prior : float
         Fraction of errors among the training epochs.
     n_resamples : int

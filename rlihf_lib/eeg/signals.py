@@ -22,17 +22,12 @@ class SubjectEpochs:
     """
 
     subject: str
-    signals: np.ndarray
-    """Volts, shape (n, n_channels, n_times)."""
-    labels: np.ndarray
-    """Shape (n,), 1 = error, 0 = correct."""
-    index: np.ndarray
-    """Shape (n,), number of the feedback event within the subject's recording."""
+    signals: np.ndarray  # volts, shape (n, n_channels, n_times)
+    labels: np.ndarray  # shape (n,), 1 = error, 0 = correct
+    index: np.ndarray  # shape (n,), number of the feedback event within the recording
     channels: tuple
-    sfreq: float
-    """Hz."""
-    tmin: float
-    """Time of the first sample relative to the feedback, s."""
+    sfreq: float  # Hz
+    tmin: float  # time of the first sample relative to the feedback, s
 
     def __post_init__(self):
         n = len(self.signals)
@@ -98,20 +93,15 @@ def same_power(first, second) -> bool:
 class InputFormat:
     """How epochs become what the networks see; the same for every subject of a study."""
 
-    channels: tuple
-    """Looked up by name, so their order in a recording does not matter."""
-    sfreq: float
-    """Of the epochs, Hz."""
-    tmin: float
-    """Of the epochs, s after the feedback."""
+    channels: tuple  # looked up by name, so their order in a recording does not matter
+    sfreq: float  # of the epochs, Hz; what follows is of the epochs, too
+    tmin: float  # s after the feedback
     n_times: int
-    """Of the epochs."""
-    start: int
+    start: int  # the samples that are decoded
     stop: int
-    """The samples that are decoded, from `start` to before `stop`."""
+    #: Samples averaged into one, down to 30 to 60 Hz. Error potentials lie below 10 Hz, so that
+    #: nothing of them is lost, some noise is, and the networks have an eighth of the work.
     decimation: int
-    """Samples averaged into one, down to 30 to 60 Hz. Error potentials lie below 10 Hz, so that
-    nothing of them is lost, some noise is, and the networks have an eighth of the work."""
 
     @classmethod
     def of(cls, epochs: SubjectEpochs, window) -> "InputFormat":

@@ -86,10 +86,8 @@ class Model:
         "positivity centro-parietal; moments calibrated: peak over SD 0.59, and how many subjects' "
         "largest peak is the negativity (largest peak at 282 +- 40 ms)",
     ] = _ERROR
-    #: s, latency from trial to trial.
-    jitter: Annotated[float, "assumed, some 20 ms between trials"] = 0.020
-    #: Log-normal sigma of the amplitude from trial to trial.
-    trial_spread: Annotated[float, "assumed"] = 0.35
+    jitter: Annotated[float, "assumed, some 20 ms between trials"] = 0.020  # s, of the latency
+    trial_spread: Annotated[float, "assumed"] = 0.35  # log-normal sigma of the trials' amplitudes
     #: Share of errors that evoke nothing.
     lapse: Annotated[float, "assumed; the best subject (.98) leaves no room for more"] = 0.02
     #: Amplitude where half of the trials are errors, relative to a fifth.
@@ -97,26 +95,21 @@ class Model:
         float,
         "smaller error potentials where errors are frequent (direction published, size assumed)",
     ] = 0.75
-    #: s, latency of each component between subjects.
+    #: Between subjects, of each component: latency, s; log-normal sigma of its amplitude; position,
+    #: head radii; direction, of the unit vector along each axis.
     subject_latency: Annotated[float, "calibrated: spread of the AUROC across subjects"] = 0.014
-    #: Log-normal sigma of each component's amplitude.
     subject_spread: Annotated[float, _WITHIN_ACROSS] = 0.40
-    #: Head radii.
     subject_position: Annotated[float, _WITHIN_ACROSS] = 0.10
-    #: Of the unit vector, along each axis.
     subject_direction: Annotated[float, _WITHIN_ACROSS] = 0.30
-    #: uV, RMS of the 1/f activity, mean over EEG channels.
+    #: uV, RMS of the 1/f^exponent activity, mean over EEG channels; log-normal sigma of its
+    #: generators' power between subjects.
     background: Annotated[float, "usual amplitude of awake EEG, RMS"] = 7.0
-    #: Its power falls as 1/f^exponent.
     exponent: Annotated[float, "usual slope of the EEG spectrum"] = 1.2
-    #: Log-normal sigma of the generators' power between subjects.
     background_spread: Annotated[float, "assumed"] = 0.8
-    #: uV RMS at the occipital electrodes.
+    #: uV RMS, at the occipital electrodes; of amplifier and electrode, each electrode on its own.
     alpha: Annotated[float, "usual amplitude of alpha with eyes open"] = 4.0
-    #: uV RMS, amplifier and electrode, each electrode on its own.
     noise: Annotated[float, "active electrodes and amplifier, below 1 uV"] = 0.5
-    #: Per second.
-    blinks: Annotated[float, "9 per minute"] = 0.15
+    blinks: Annotated[float, "9 per minute"] = 0.15  # per second
     #: Share of trials in which the subject pressed the wrong key.
     human_error: Annotated[float, "a few in 500 (documentation of the data set)"] = 0.015
     #: uV, of the amplifier.
@@ -159,12 +152,9 @@ def parameter_table(model=MODEL) -> pd.DataFrame:
 
 
 def recording(subject, model=MODEL) -> Path:
-    """Path of a subject's `.set` file in the cache, simulated first if it is not there.
+    """A subject's ``<cache>/simulated-<hash of the model>/<subject>_cursor.set``, made if missing.
 
-    Returns
-    -------
-    Path
-        ``<cache>/simulated-<hash of the parameters>/<subject>_cursor.set``, its `.fdt` beside it.
+    Its `.fdt` lies beside it.
     """
     key = sha256(canonical_json([_VERSION, asdict(model)]))[:12]
     path = hri.cache_dir() / f"simulated-{key}" / f"{subject}_cursor.set"
@@ -176,13 +166,8 @@ def recording(subject, model=MODEL) -> Path:
 def simulate(subject, model=MODEL) -> tuple[np.ndarray, list[tuple[float, str]]]:
     """Simulate the recording of a subject, ``s02`` to ``s13``.
 
-    Returns
-    -------
-    data : ndarray of float32, shape (30, n_samples)
-        Microvolts at 256 Hz against the mean of TP9 and TP10, channels in the order of
-        `hri.CHANNELS`.
-    events : list of (float, str)
-        1-based, fractional latency in samples, and name.
+    Data, as in `head`, in float32 at 256 Hz; events as pairs of 1-based, fractional latency in
+    samples, and name.
     """
     # One stream for each part, so that a parameter of one leaves the others as they were.
     rng = np.random.default_rng([model.seed, SUBJECTS.index(subject)])

@@ -13,15 +13,8 @@ CHUNK = 32  # samples an amplifier delivers at a time
 class RingBuffer:
     """The latest samples of a stream, and the windows events ask for.
 
-    Parameters
-    ----------
-    n_channels : int
-    n_times : int
-        Samples of a window.
-    offset : int
-        First sample of a window relative to its event.
-    n_windows : int
-        Capacity in windows; how late after its window's last sample an event may be marked.
+    A window is `n_times` samples long and starts `offset` samples after its event. The capacity is
+    `n_windows`: so late after its window's last sample an event may be marked.
     """
 
     def __init__(self, n_channels, n_times, offset=0, n_windows=4):
@@ -140,11 +133,7 @@ class LiveFeedback:
     Policies are trained from a table of p(error), because decoding the same epochs again gives the
     same numbers; this does it all the same, as it would be with somebody wearing the cap.
 
-    Parameters
-    ----------
-    decoder : decoder.Decoder
-        One that never saw this person.
-    held_out : signals.SubjectEpochs
+    The decoder is one that never saw this person; `held_out` are their `SubjectEpochs`.
     """
 
     def __init__(self, decoder, held_out):

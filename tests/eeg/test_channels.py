@@ -4,7 +4,6 @@ import mne
 import numpy as np
 import pytest
 
-from rlihf_lib.__main__ import main
 from rlihf_lib.eeg import channels, loso
 from rlihf_lib.eeg.formats import other_channels, read_folder_epochs
 from rlihf_lib.eeg.loso import recorded_cohort, run_loso
@@ -132,17 +131,6 @@ def test_live_decoding_does_not_go_round_the_check(make_epochs, tmp_path, monkey
     monkeypatch.setattr(loso, "load_decoder", lambda *_: None)
     with pytest.raises(ValueError, match=r"channel P10 \(AUROC .*\) alone tells"):
         train_live(study, config, tmp_path / "run")
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_the_command_refuses_a_leak_and_takes_the_remedy(make_epochs, tmp_path, monkeypatch, capfd):
-    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
-    folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"])
-    command = ["--profile", "smoke", "--eeg", str(folder), "--out", str(tmp_path / "out")]
-    command += ["--only", "01"]
-    assert main(command) == 1
-    assert "channel P10 (AUROC 1.000) alone tells" in capfd.readouterr().err
-    assert main([*command, "--drop-channels", "P10"]) == 0, capfd.readouterr().err
 
 
 def test_auroc_of_one_channel_is_that_of_its_ranks():

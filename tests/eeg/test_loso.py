@@ -1,5 +1,7 @@
 import json
+import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,12 +12,14 @@ from rlihf_lib.eeg import loso
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.fitting import DecoderSettings
 from rlihf_lib.eeg.signals import SubjectEpochs, same_power
-from rlihf_lib.study import Study
+from rlihf_lib.study import REPOSITORY, Study
 
 SETTINGS = DecoderSettings(
     max_epochs=10, patience=10, ensemble=2, n_permutations=100, n_validation=1, batch_size=16
 )
 SUBJECTS = ["s02", "s03", "s04", "s05"]
+PLACES = [os.environ.get("RLIHF_NER2015"), REPOSITORY.parent / "shared" / "eeg" / "ner2015"]
+NER = next((Path(place) for place in PLACES if place and Path(place).is_dir()), None)
 TABLES = ("scores.csv", "p_error.csv", "training.csv")
 
 
@@ -246,3 +250,12 @@ def test_the_config_says_what_was_run(finished):
     assert config["settings"]["ensemble"] == 2
     assert config["input_format"]["channels"] == ["Fz", "Cz", "Pz", "C3", "C4"]
     assert set(config["folds"]) == set(SUBJECTS)
+
+
+@pytest.mark.skipif(NER is None, reason="the NER 2015 epochs are not on this computer")
+def test_recorded_error_potentials_are_decoded_across_subjects(tmp_path):
+    settings = DecoderSettings(max_epochs=6, ensemble=2, n_permutations=50)
+    cohort = loso.recorded_cohort(NER, ["07", "11", "13"])
+    scores = loso.run_loso(cohort, tmp_path, settings, workers=1)
+    assert scores["auroc"].mean() > 0.6
+    assert (scores["auroc_p"] < 0.05).sum() >= 2
