@@ -8,7 +8,7 @@ import pandas as pd
 
 from rlihf_lib.profiles import PROFILES
 from rlihf_lib.rl.feedback import IDEAL, controls_of, p_error_sha256, with_controls
-from rlihf_lib.rl.runs import RunConfig, SACSettings
+from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")

@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.eeg.decoding import load_decoder, load_subject, loader, run_loso
 from rlihf_lib.eeg.fitting import DecoderSettings
-from rlihf_lib.live import LiveFeedback, train_live
+from rlihf_lib.eeg.loso import load_decoder, recorded_cohort, run_loso
+from rlihf_lib.eeg.signals import SubjectEpochs
+from rlihf_lib.eeg.streaming import LiveFeedback
+from rlihf_lib.live import train_live
 from rlihf_lib.rl.feedback import p_error_sha256
 from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.rl.training import train_run
@@ -39,13 +41,15 @@ def study(tmp_path_factory):
         )  # fmt: skip
         epochs.save(folder / f"sub-{subject[1:]}_epo.fif", verbose="error")
     study = Study("smoke", folder, tmp_path_factory.mktemp("out"))
-    run_loso(loader(study.eeg), study.subjects(), study.decoder, SETTINGS, workers=1)
+    cohort = recorded_cohort(study.eeg, study.subjects())
+    run_loso(cohort, study.decoder, SETTINGS, workers=1)
     return study
 
 
 def test_live_decoding_gives_the_table_bit_by_bit(study):
+    cohort = recorded_cohort(study.eeg, study.subjects())
     for subject, rows in study.p_error().groupby("subject"):
-        held_out = load_subject(loader(study.eeg), subject)
+        held_out = SubjectEpochs.from_mne(subject, cohort[subject])
         live = LiveFeedback(load_decoder(study.decoder, subject), held_out)
         assert [live(epoch) for epoch in rows["epoch"]] == rows["p_error"].tolist()
 

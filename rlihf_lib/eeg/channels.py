@@ -1,22 +1,22 @@
-"""Names of channels and their places on the head, whatever file they come from."""
+"""Channels that may be decoded: they are there, lie on the scalp, and don't know the answer."""
 
 import mne
 import numpy as np
+import pandas as pd
 
-REMEDY = (
+from rlihf_lib.eeg.scores import auroc
+from rlihf_lib.eeg.signals import SubjectEpochs
+
+MAX_AUROC = 0.95  # no electrode of people tells errors so well; a trigger or a label does
+BINS = 32  # of the epoch, in each of which a channel is averaged
+_REMEDY = (
     "leave it out with --drop-channels {names}, or give it its true type in the file "
     "(epochs.set_channel_types), such as misc"
 )
 
 
-def require_channels(names, required, path):
-    """Refuse a recording that lacks one of the `required` channels.
-
-    Raises
-    ------
-    ValueError
-        Naming the file and the channels.
-    """
+def require_channels(names, required, path) -> None:
+    """Refuse a recording that lacks one of the `required` channels."""
     missing = [name for name in required if name not in names]
     if missing:
         raise ValueError(
@@ -25,15 +25,12 @@ def require_channels(names, required, path):
         )
 
 
-def set_positions(instance):
-    """Give EEG channels without a position the one of the 10-05 system, by their name.
-
-    Channels with a position of their own keep it.
-    """
+def set_positions(instance) -> None:
+    """Give EEG channels without a position the one of the 10-05 system, by their name."""
     eeg = [
         instance.info["chs"][pick] for pick in mne.pick_types(instance.info, eeg=True, exclude=())
     ]
-    own = {channel["ch_name"]: channel["loc"][:3].copy() for channel in eeg if is_located(channel)}
+    own = {channel["ch_name"]: channel["loc"][:3].copy() for channel in eeg if _is_located(channel)}
     if len(own) == len(eeg):
         return
     head = [
@@ -50,31 +47,63 @@ def set_positions(instance):
     instance.set_montage(montage, on_missing="ignore", verbose="error")
 
 
-def refuse_unlocated(info, path):
-    """Refuse EEG channels that have no place on the scalp: triggers, labels, sensors.
-
-    Parameters
-    ----------
-    info : mne.Info
-        After `set_positions`.
-    path : str or Path
-        For the message.
-
-    Raises
-    ------
-    ValueError
-        Names the channels without a position of their own or of the 10-05 system, and the remedy.
-    """
+def refuse_unlocated(info, path) -> None:
+    """Refuse EEG channels that have no place on the scalp: triggers, labels, sensors."""
     kinds = zip(info.get_channel_types(), info["chs"], strict=True)
-    lost = [c["ch_name"] for kind, c in kinds if kind == "eeg" and not is_located(c)]
+    lost = [c["ch_name"] for kind, c in kinds if kind == "eeg" and not _is_located(c)]
     if lost:
         raise ValueError(
             f"{path}: EEG channel {', '.join(lost)} has no position, neither in the file nor by a "
-            f"name of the 10-05 system; {REMEDY.format(names=' '.join(lost))}"
+            f"name of the 10-05 system; {_REMEDY.format(names=' '.join(lost))}"
         )
 
 
-def is_located(channel):
-    """Whether a channel, an entry of `info["chs"]`, has a place."""
+def channel_auroc(signals, labels) -> np.ndarray:
+    """How well each channel alone tells the classes, by its mean in each of some time bins.
+
+    Of signals, shape (n, n_channels, n_times), before any re-referencing, which would spread a
+    leak over all channels. AUROC, 0 to 1, shape (n_channels, n_bins + 1); last that of the mean
+    over the epoch.
+    """
+    bins = np.array_split(signals, min(BINS, signals.shape[2]), axis=2)
+    return auroc(np.stack([part.mean(axis=2) for part in (*bins, signals)], axis=2), labels)
+
+
+def refuse_leaks(aurocs, channels, source) -> np.ndarray:
+    """Refuse channels that tell the classes better than `MAX_AUROC` over all people.
+
+    From one `channel_auroc` per person to the best AUROC of each channel, in either direction,
+    averaged over people, shape (n_channels,). `source` is for the message.
+    """
+    best = 0.5 + np.abs(np.mean(aurocs, axis=0) - 0.5).max(axis=1)
+    known = {name: value for name, value in zip(channels, best, strict=True) if value > MAX_AUROC}
+    if known:
+        told = ", ".join(f"{name} (AUROC {value:.3f})" for name, value in known.items())
+        raise ValueError(
+            f"{source}: channel {told} alone tells errors from correct epochs over all people, as "
+            f"a trigger or a label would and EEG does not; {_REMEDY.format(names=' '.join(known))}"
+        )
+    return best
+
+
+def single_channels(cohort, source) -> pd.Series:
+    """Refuse leaks; best AUROC of each channel alone (`refuse_leaks`), the highest first.
+
+    `cohort` maps subjects to preprocessed `mne.Epochs` in the recorded reference; `source` is for
+    the message.
+    """
+    aurocs: list[np.ndarray] = []
+    channels: tuple[str, ...] = ()
+    for subject in cohort:
+        epochs = SubjectEpochs.from_mne(subject, cohort[subject])
+        channels = channels or epochs.channels
+        order = [epochs.channels.index(name) for name in channels if name in epochs.channels]
+        if len(order) == len(channels):  # who lacks one is refused where epochs are decoded
+            aurocs.append(channel_auroc(epochs.signals[:, order], epochs.labels))
+    best = refuse_leaks(aurocs, channels, source)
+    return pd.Series(best, channels, name="AUROC").sort_values(ascending=False)
+
+
+def _is_located(channel):
     place = channel["loc"][:3]
     return bool(np.isfinite(place).all() and place.any())

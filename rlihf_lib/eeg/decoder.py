@@ -9,8 +9,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from scipy.ndimage import correlate1d
 
-from rlihf_lib.eeg.calibration import probability
-from rlihf_lib.eeg.eegnet import Architecture, EEGNetBatch
+from rlihf_lib.eeg.eegnet import Architecture
+from rlihf_lib.eeg.ensemble import EEGNetBatch
+from rlihf_lib.eeg.scores import probability
 from rlihf_lib.eeg.signals import InputFormat
 from rlihf_lib.files import atomic_path
 
@@ -18,41 +19,38 @@ from rlihf_lib.files import atomic_path
 class Decoder:
     """An ensemble of EEGNets with one temperature.
 
-    Parameters
-    ----------
-    input_format : signals.InputFormat
-        Channels, sampling rate and window it was trained on.
-    networks : eegnet.EEGNetBatch
-    temperature : float
-    prior : float
-        Fraction of errors among the epochs of its training pool.
+    `input_format` says what channels, sampling rate and window it was trained on, `prior` what
+    fraction of the epochs of its training pool were errors.
     """
 
-    def __init__(self, input_format, networks, temperature=1.0, prior=0.5):
+    def __init__(
+        self, input_format: InputFormat, networks: EEGNetBatch, temperature=1.0, prior=0.5
+    ):
         self.input_format = input_format
         # Double precision costs nothing at this size, and makes p the same in any batch and chunk.
         self.networks = networks.double().eval()
         self.temperature = temperature
         self.prior = prior
 
+    def inputs(self, signals) -> torch.Tensor:
+        """What the networks see of epochs (as for `log_odds`), each of them the same."""
+        x = torch.from_numpy(self.input_format.condition(signals)).transpose(0, 1)[:, None]
+        return x.expand(-1, self.networks.n_networks, -1, -1).contiguous()
+
     @torch.no_grad()
-    def log_odds(self, signals):
+    def log_odds(self, signals) -> np.ndarray:
         """Decode epochs.
 
         Parameters
         ----------
         signals : ndarray, shape (n, n_channels, n_times)
-            Preprocessed, in volts, channels in the order of `input_format.channels`.
+            Preprocessed, in volts, channels in the order of `input_format.channels`. A ValueError
+            says if the shape does not fit or a value is not finite.
 
         Returns
         -------
         ndarray, shape (n,)
             Logit of error minus logit of correct, the mean over the networks.
-
-        Raises
-        ------
-        ValueError
-            If the shape does not fit or a value is not finite.
         """
         expected = (len(self.input_format.channels), self.input_format.n_times)
         if signals.ndim != 3 or signals.shape[1:] != expected:
@@ -62,22 +60,15 @@ class Decoder:
             )
         if not np.isfinite(signals).all():
             raise ValueError("NaN or infinity in the EEG; drop the epoch or repair the channel")
-        x = torch.from_numpy(self.input_format.condition(signals)).transpose(0, 1)[:, None]
-        logits = self.networks(x.expand(-1, self.networks.n_networks, -1, -1).contiguous())
+        logits = self.networks(self.inputs(signals))
         return (logits[..., 1] - logits[..., 0]).mean(0).numpy()
 
-    def p_error(self, signals):
-        """Return calibrated p(error), Eq. (3), shape (n,); parameters as in `log_odds`."""
+    def p_error(self, signals) -> np.ndarray:
+        """Calibrated p(error), Eq. (3), shape (n,), of epochs as for `log_odds`."""
         return probability(self.log_odds(signals), self.temperature, self.prior)
 
-    def patterns(self, signals, network=0):
-        """What the filters of one network follow.
-
-        Parameters
-        ----------
-        signals : ndarray, shape (n, n_channels, n_times)
-            As for `log_odds`; patterns depend on what the filters are applied to.
-        network : int
+    def patterns(self, signals, network=0) -> tuple[np.ndarray, np.ndarray]:
+        """What the filters of one network follow in epochs as for `log_odds`.
 
         Returns
         -------
@@ -101,7 +92,7 @@ class Decoder:
             found[:] = followed / (followed * filters).sum(axis=1, keepdims=True)
         return temporal, patterns
 
-    def save(self, path):
+    def save(self, path) -> None:
         """Write weights and everything needed to use them to a safetensors file, atomically."""
         header = {
             "input_format": asdict(self.input_format),
@@ -110,36 +101,27 @@ class Decoder:
             "prior": self.prior,
         }
         # Trained in single precision, so nothing is lost.
-        tensors = {
-            name: value.float().contiguous() for name, value in self.networks.state_dict().items()
-        }
+        state = self.networks.state_dict()
+        tensors = {name: value.float().contiguous() for name, value in state.items()}
         with atomic_path(path) as temporary:
             # One entry, because safetensors writes several in random order.
             temporary.write_bytes(save(tensors, metadata={"decoder": json.dumps(header)}))
 
     @classmethod
-    def load(cls, path):
-        """Read a decoder.
-
-        Raises
-        ------
-        ValueError
-            If the file is damaged or not one of ours.
-        """
+    def load(cls, path) -> "Decoder":
+        """Read a decoder; a ValueError says if the file is damaged or not one of ours."""
         try:
             with safe_open(path, framework="pt") as file:
                 header = json.loads(file.metadata()["decoder"])
                 tensors = {name: file.get_tensor(name) for name in file.keys()}
-            layout = header["input_format"] | {
-                "channels": tuple(header["input_format"]["channels"])
-            }
+            layout = header["input_format"]
+            input_format = InputFormat(**layout | {"channels": tuple(layout["channels"])})
             architecture = Architecture(**header["architecture"])
             networks = EEGNetBatch(architecture, range(len(tensors["dense_bias"])))
             networks.load_state_dict(tensors)
-            temperature, prior = header["temperature"], header["prior"]
+            return cls(input_format, networks, header["temperature"], header["prior"])
         except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
             raise ValueError(
                 f"{path} is not a decoder of this library or is damaged ({error}); train it anew "
                 "with notebook 02 and --recompute"
             ) from error
-        return cls(InputFormat(**layout), networks, temperature, prior)

@@ -4,69 +4,38 @@ import mne
 import numpy as np
 from scipy import stats
 
+H_FREQ = 10.0  # Hz, low-pass of `peak_over_sd`
+PEAK = (0.1, 0.6)  # s after the feedback, where it seeks the peak
 
-def difference_wave(epochs):
-    """Mean of the error epochs minus mean of the correct epochs.
 
-    Parameters
-    ----------
-    epochs : mne.BaseEpochs
-        With events ``correct`` and ``error``.
-
-    Returns
-    -------
-    mne.EvokedArray
-        EEG channels, volts.
-    """
+def difference_wave(epochs) -> mne.EvokedArray:
+    """Mean of the ``error`` epochs minus mean of the ``correct`` ones: EEG channels, volts."""
     return mne.combine_evoked(
         [epochs["error"].average(picks="eeg"), epochs["correct"].average(picks="eeg")], [1, -1]
     )
 
 
-def confidence_band(waves, level=0.95):
-    """Mean over subjects with its confidence band, by Student's t at every sample.
+def confidence_band(waves, level=0.95) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean over at least two subjects with its confidence band, by Student's t at every sample.
 
-    Parameters
-    ----------
-    waves : ndarray, shape (n_subjects, n_times)
-        At least two subjects.
-    level : float
-
-    Returns
-    -------
-    mean, low, high : ndarray, shape (n_times,)
+    Of waves, shape (n_subjects, n_times); mean, low and high have shape (n_times,).
     """
-    n = len(waves)
-    half = stats.t.ppf((1 + level) / 2, n - 1) * waves.std(axis=0, ddof=1) / np.sqrt(n)
     mean = waves.mean(axis=0)
-    return mean, mean - half, mean + half
+    low, high = stats.t.interval(level, len(waves) - 1, mean, stats.sem(waves))
+    return mean, low, high
 
 
-def peak_over_sd(epochs, channel="Cz", stop=0.6, h_freq=10.0):
-    """Largest difference between the classes over the trial-to-trial standard deviation there.
+def peak_over_sd(epochs) -> tuple[float, float]:
+    """Largest difference of the classes at Cz over the trial-to-trial SD there; its latency in s.
 
-    Of the deviations (sample, n - 1) of the two classes, the root of their mean square.
-
-    Parameters
-    ----------
-    epochs : mne.BaseEpochs
-    channel : str
-    stop : float
-        The peak is sought from 0.1 s after the feedback to here, s.
-    h_freq : float
-        Low-pass before, Hz, as for the published value; for epochs of at least 1 s.
-
-    Returns
-    -------
-    ratio : float
-    latency : float
-        Of the peak, s.
+    Low-passed as the published value is, which needs epochs of at least 1 s. Of the deviations
+    (sample, n - 1) of the two classes, the root of their mean square.
     """
-    values, labels = epochs.get_data(channel)[:, 0], epochs.events[:, 2]
-    values = mne.filter.filter_data(values, epochs.info["sfreq"], None, h_freq, verbose="error")
+    values, labels = epochs.get_data("Cz")[:, 0], epochs.events[:, 2]
+    values = mne.filter.filter_data(values, epochs.info["sfreq"], None, H_FREQ, verbose="error")
     classes = [values[labels == epochs.event_id[name]] for name in ("error", "correct")]
     difference = classes[0].mean(axis=0) - classes[1].mean(axis=0)
     sd = np.sqrt(np.mean([values.var(axis=0, ddof=1) for values in classes], axis=0))
-    within = np.flatnonzero((epochs.times >= 0.1) & (epochs.times <= stop))
+    within = np.flatnonzero((epochs.times >= PEAK[0]) & (epochs.times <= PEAK[1]))
     peak = within[np.abs(difference[within]).argmax()]
     return float(np.abs(difference[peak]) / sd[peak]), float(epochs.times[peak])

@@ -1,6 +1,7 @@
 """Training the networks of one fold, Eq. (2), on what its training pool hands out."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,9 +10,10 @@ from scipy.special import logit
 from torch.nn import functional as F
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from rlihf_lib.eeg.calibration import fit_temperature
 from rlihf_lib.eeg.decoder import Decoder
-from rlihf_lib.eeg.eegnet import EEGNetBatch, half_second_architecture
+from rlihf_lib.eeg.eegnet import half_second_architecture
+from rlihf_lib.eeg.ensemble import EEGNetBatch
+from rlihf_lib.eeg.scores import fit_temperature
 from rlihf_lib.files import sha256
 
 
@@ -50,25 +52,19 @@ DEFAULTS = DecoderSettings()
 
 
 @dataclass(frozen=True)
-class FittedFold:
-    """What training a fold gives."""
+class FoldData:
+    """The epochs of a training pool, joined, and which of them train and validate each network."""
 
-    decoder: Decoder
-    validation: pd.DataFrame
-    """network, subject, label, log_odds: every network on its own validation subjects."""
-    history: pd.DataFrame
-    """network, pass, training_loss, validation_loss."""
-
-
-def choose_device(device="auto"):
-    """Return a torch device: the one named, or with "auto" a GPU if there is one."""
-    if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-    return torch.device(device)
+    x: torch.Tensor  # epochs, shape (n_channels, n, n_times)
+    labels: torch.Tensor  # shape (n,), 1 = error
+    offsets: torch.Tensor  # shape (n,), prior log-odds of an error of each epoch's subject
+    subjects: np.ndarray  # shape (n,)
+    training: list[torch.Tensor]  # of every network, the rows that train it
+    validation: list[torch.Tensor]  # of every network, the rows that decide when it stops
 
 
-def fit_fold(pool, input_format, settings, device="auto"):
-    """Train and calibrate the decoder of one fold.
+def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.DataFrame]:
+    """Train and calibrate the decoder of one fold, on a GPU if there is one.
 
     Parameters
     ----------
@@ -78,15 +74,16 @@ def fit_fold(pool, input_format, settings, device="auto"):
     input_format : signals.InputFormat
         How the epochs were conditioned; the decoder conditions new ones in the same way.
     settings : DecoderSettings
-    device : str
 
     Returns
     -------
-    FittedFold
+    decoder : Decoder
+    validation, history : DataFrame
+        See `_validate` and `train`.
 
     Notes
     -----
-    All networks of the fold are trained as one (`eegnet.EEGNetBatch`), by Adam on the
+    All networks of the fold are trained as one (`ensemble.EEGNetBatch`), by Adam on the
     cross-entropy. How many errors a subject makes is added to the logits, as its prior log-odds
     (logit adjustment: Menon et al. 2021, ICLR, here per subject). What is left to learn is the
     evidence in the EEG, not who makes many errors.
@@ -94,158 +91,137 @@ def fit_fold(pool, input_format, settings, device="auto"):
     One temperature is then fitted to the log-odds that the networks give their own validation
     subjects.
     """
-    device = choose_device(device)
-    fold = pool.fold
-    x, y, offsets, rows = concatenate(pool, device)
-    training, validation = (
-        [torch.cat([rows[s] for s in subjects]) for subjects in per_network]
-        for per_network in (
-            [fold.training(network) for network in range(len(fold.validation))],
-            fold.validation,
-        )
-    )
-    seeds = [
-        int(sha256(f"{settings.seed}/{fold.test}/{network}")[:8], 16)
-        for network in range(len(fold.validation))
-    ]
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    members = range(len(pool.fold.validation))
+    data = join(pool, members, device)
+    seeds = [int(sha256(f"{settings.seed}/{pool.fold.test}/{n}")[:8], 16) for n in members]
+    n_channels, _, n_times = data.x.shape
     architecture = half_second_architecture(
-        x.shape[0], x.shape[2], input_format.network_sfreq, settings.dropout
+        n_channels, n_times, input_format.network_sfreq, settings.dropout
     )
     networks = EEGNetBatch(architecture, seeds).to(device)
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seeds[0])  # dropout
-        history = train(networks, x, y, offsets, training, validation, seeds, settings)
-    networks = networks.double().eval().cpu()
-    x, y, offsets = x.double().cpu(), y.cpu().numpy(), offsets.cpu().numpy()
-    results = []
-    for network, subjects in enumerate(fold.validation):
-        for subject in subjects:
-            epochs = x[:, rows[subject].cpu()][:, None].expand(-1, len(seeds), -1, -1)
-            with torch.no_grad():
-                logits = networks(epochs.contiguous())[network]
-            results.append(
-                pd.DataFrame(
-                    {
-                        "network": network,
-                        "subject": subject,
-                        "label": y[rows[subject].cpu()],
-                        "log_odds": (logits[:, 1] - logits[:, 0]).numpy(),
-                        "prior_log_odds": offsets[rows[subject].cpu()],
-                    }
-                )
-            )
-    scored = pd.concat(results, ignore_index=True)
-    decoder = Decoder(
-        input_format=input_format,
-        networks=networks,
-        temperature=fit_temperature(
-            *(scored[name].to_numpy() for name in ("log_odds", "label", "prior_log_odds"))
-        ),
-        prior=float(y.mean()),
+        history = train(networks, data, seeds, settings)
+    validation = _validate(networks.double().eval().cpu(), data)
+    evidence = [validation[name].to_numpy() for name in ("log_odds", "label", "prior_log_odds")]
+    prior = float(data.labels.double().mean())
+    decoder = Decoder(input_format, networks, fit_temperature(*evidence), prior)
+    return decoder, validation, history
+
+
+def join(pool, members, device="cpu") -> FoldData:
+    """Join the epochs of a `splits.TrainingPool` for some networks of its fold, by number."""
+    fold = pool.fold
+    signals, labels = zip(*pool.values(), strict=True)
+    subjects = np.repeat(list(pool), [len(part) for part in labels])
+    offsets = [np.full(len(part), logit(part.mean()), np.float32) for part in labels]
+    x = np.ascontiguousarray(np.concatenate(signals).transpose(1, 0, 2), dtype=np.float32)
+
+    def tensor(array):
+        return torch.from_numpy(array).to(device)
+
+    def rows(people):
+        return tensor(np.concatenate([np.flatnonzero(subjects == subject) for subject in people]))
+
+    return FoldData(
+        x=tensor(x),
+        labels=tensor(np.concatenate(labels)),
+        offsets=tensor(np.concatenate(offsets)),
+        subjects=subjects,
+        training=[rows(fold.training(member)) for member in members],
+        validation=[rows(fold.validation[member]) for member in members],
     )
-    return FittedFold(decoder, scored, history)
 
 
-def concatenate(pool, device):
-    """Join the subjects: epochs (n_channels, n, m), labels and prior log-odds (n,), their rows."""
-    rows, offsets, first = {}, [], 0
-    for subject, (_, labels) in pool.items():
-        rows[subject] = torch.arange(first, first + len(labels), device=device)
-        offsets.append(np.full(len(labels), logit(labels.mean()), np.float32))
-        first += len(labels)
-    x = np.concatenate([signals for signals, _ in pool.values()]).transpose(1, 0, 2)
-    y = np.concatenate([labels for _, labels in pool.values()])
-    x = torch.from_numpy(np.ascontiguousarray(x, dtype=np.float32))
-    offsets = torch.from_numpy(np.concatenate(offsets))
-    return x.to(device), torch.from_numpy(y).to(device), offsets.to(device), rows
+def train(networks, data, seeds, settings) -> pd.DataFrame:
+    """Train networks, an `EEGNetBatch`, in place and leave each with its best weights.
 
-
-def train(networks, x, y, offsets, training, validation, seeds, settings):
-    """Train networks in place and leave each with its best weights.
-
-    Parameters
-    ----------
-    networks : eegnet.EEGNetBatch
-    x : Tensor, shape (n_channels, n, m)
-    y, offsets : Tensor, shape (n,)
-        Labels, and the prior log-odds of each epoch's subject.
-    training, validation : list of Tensor
-        For every network the epochs it trains on, and those that decide when it stops.
-    seeds : list of int
-        Of every network's order of epochs.
-    settings : DecoderSettings
-
-    Returns
-    -------
-    DataFrame
-        network, pass, training_loss, validation_loss.
+    `seeds` are those of every network's order of epochs. The table's columns are network, pass,
+    training_loss, validation_loss.
     """
-    optimizer = torch.optim.Adam(
-        networks.parameters(),
-        lr=settings.learning_rate,
-        weight_decay=settings.weight_decay,
-        fused=True,
-    )
-    generators = [torch.Generator().manual_seed(seed) for seed in seeds]
-    averaged = AveragedModel(
-        networks, multi_avg_fn=get_ema_multi_avg_fn(settings.averaging), use_buffers=True
-    )
+    rate, decay = settings.learning_rate, settings.weight_decay
+    optimizer = torch.optim.Adam(networks.parameters(), rate, weight_decay=decay, fused=True)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.max_epochs)
+    running_mean = get_ema_multi_avg_fn(settings.averaging)
+    averaged = AveragedModel(networks, multi_avg_fn=running_mean, use_buffers=True)
+    average: Any = averaged.module
+    generators = [torch.Generator().manual_seed(seed) for seed in seeds]
     with torch.no_grad():
-        means, seconds = networks.patch_moments(x.transpose(0, 1).contiguous())
-    shortest = min(len(rows) for rows in training)
-    batch = min(settings.batch_size, shortest)
-    best_loss = [np.inf] * len(seeds)
-    best_pass = [0] * len(seeds)
-    best_state = [None] * len(seeds)
+        means, seconds = networks.patch_moments(data.x.transpose(0, 1).contiguous())
+    best: list = [(np.inf, 0, {})] * len(seeds)  # validation loss, pass, weights
     history = []
     for number in range(settings.max_epochs):
         networks.train()
-        # As many batches for every network; the few epochs left over change from pass to pass.
-        order = torch.stack(
-            [
-                rows[torch.randperm(len(rows), generator=g)[: shortest // batch * batch]]
-                for rows, g in zip(training, generators, strict=True)
-            ]
-        ).view(len(seeds), -1, batch)
-        training_loss = 0.0
-        for step in range(order.shape[1]):
-            rows = order[:, step]
-            logits = networks(x[:, rows], (means[rows].mean(1), seconds[rows].mean(1)))
-            loss = _losses(logits, y[rows], offsets[rows]).mean(1)
+        batches = _batches(data.training, generators, settings.batch_size)
+        training_loss = torch.zeros(len(seeds), device=data.x.device)
+        for rows in batches:
+            moments = means[rows].mean(1), seconds[rows].mean(1)
+            loss = _losses(networks(data.x[:, rows], moments), data, rows).mean(1)
             optimizer.zero_grad()
             loss.sum().backward()
             optimizer.step()
             networks.constrain()
             averaged.update_parameters(networks)
-            training_loss = training_loss + loss.detach() / order.shape[1]
-        losses = _validation_losses(averaged.module, x, y, offsets, validation)
-        for network, loss in enumerate(losses):
+            training_loss += loss.detach() / len(batches)
+        for network, loss in enumerate(_validation_losses(average, data)):
             history.append((network, number, float(training_loss[network]), loss))
-            if loss < best_loss[network]:
-                best_loss[network], best_pass[network] = loss, number
-                best_state[network] = {
-                    name: value.detach().clone()
-                    for name, value in averaged.module.network_state(network).items()
-                }
-        if number - max(best_pass) >= settings.patience:
+            if loss < best[network][0]:
+                state = average.network_state(network)
+                best[network] = loss, number, {n: v.detach().clone() for n, v in state.items()}
+        if number - max(when for _, when, _ in best) >= settings.patience:
             break
         schedule.step()
-    networks.load_network_states(best_state)
+    networks.load_network_states([state for _, _, state in best])
     return pd.DataFrame(history, columns=["network", "pass", "training_loss", "validation_loss"])
 
 
-def _losses(logits, labels, offsets):
+def _batches(training, generators, size):
+    """Rows of a pass in random order, shape (n_batches, n_networks, batch).
+
+    As many batches for every network; the few epochs left over change from pass to pass.
+    """
+    shortest = min(len(rows) for rows in training)
+    size = min(size, shortest)
+    n = shortest // size * size
+    order = [
+        rows[torch.randperm(len(rows), generator=generator)[:n]]
+        for rows, generator in zip(training, generators, strict=True)
+    ]
+    return torch.stack(order).view(len(training), -1, size).transpose(0, 1)
+
+
+def _losses(logits, data, rows):
     """Cross-entropy of every epoch, shape (n_networks, n), given its subject's prior log-odds."""
-    log_odds = logits[..., 1] - logits[..., 0] + offsets
-    return F.softplus(torch.where(labels == 1, -log_odds, log_odds))
+    log_odds = logits[..., 1] - logits[..., 0] + data.offsets[rows]
+    return F.softplus(torch.where(data.labels[rows] == 1, -log_odds, log_odds))
 
 
 @torch.no_grad()
-def _validation_losses(networks, x, y, offsets, validation):
+def _validation_losses(networks, data):
     """Mean loss of every network on its own validation subjects."""
     networks.eval()
-    longest = max(len(rows) for rows in validation)
-    rows = torch.stack([F.pad(r[None], (0, longest - len(r)), "replicate")[0] for r in validation])
-    losses = _losses(networks(x[:, rows]), y[rows], offsets[rows])
-    return [float(loss[: len(r)].mean()) for loss, r in zip(losses, validation, strict=True)]
+    longest = max(len(rows) for rows in data.validation)
+    rows = torch.stack(
+        [F.pad(r[None], (0, longest - len(r)), "replicate")[0] for r in data.validation]
+    )
+    losses = _losses(networks(data.x[:, rows]), data, rows)
+    return [float(loss[: len(r)].mean()) for loss, r in zip(losses, data.validation, strict=True)]
+
+
+@torch.no_grad()
+def _validate(networks, data):
+    """Table of what every network gives its own validation subjects, in double precision."""
+    scored = []
+    for network, rows in enumerate(data.validation):
+        x = data.x[:, rows].double().cpu()[:, None].expand(-1, networks.n_networks, -1, -1)
+        logits = networks(x.contiguous())[network]
+        columns = {
+            "network": network,
+            "subject": data.subjects[rows.cpu()],
+            "label": data.labels[rows].cpu(),
+            "log_odds": logits[:, 1] - logits[:, 0],
+            "prior_log_odds": data.offsets[rows].cpu(),
+        }
+        scored.append(pd.DataFrame(columns))
+    return pd.concat(scored, ignore_index=True)

@@ -1,7 +1,11 @@
-"""The ErrP-HRI recordings (`dataset`): download, resume, verify.
+"""The ErrP-HRI data set: what its recordings look like, and how they are downloaded and verified.
 
-Of its two scenarios, `cursor` is the default: the paper names none, but reports accuracies of 70 to
-90 %, which `cursor` gives across subjects; `robot` gave 69.0 +- 7.9 % even within subjects.
+Source: the documentation that lies beside the recordings of Ehrlich & Cheng (2019),
+*A feasibility study for validating robot actions using EEG-based error-related potentials*,
+Int. J. Soc. Robotics 11, 271-283, doi:10.1007/s12369-018-0501-8.
+
+Of its two scenarios, `cursor` is used: the paper names none, but reports accuracies of 70 to 90 %,
+which `cursor` gives across subjects; `robot` gave 69.0 +- 7.9 % even within subjects.
 """
 
 import hashlib
@@ -9,32 +13,54 @@ import os
 from importlib.resources import files
 from pathlib import Path
 
+import platformdirs
 import pooch
 import requests
 
-from rlihf_lib.eeg import dataset
+#: Subjects of the study, as its files name them.
+SUBJECTS = tuple(f"s{number:02d}" for number in range(2, 14))
+
+#: Channels in the order of the files: 27 EEG and 3 EOG, recorded against the mean of TP9 and TP10.
+CHANNELS = tuple(
+    "Fp1 Fz F3 F7 EOG1 FC5 FC1 C3 T7 CP5 CP1 Pz P3 P7 O1 EOG3 O2 P4 P8 CP6 CP2 Cz C4 T8 EOG2 "
+    "FC6 FC2 F4 F8 Fp2".split()
+)
+EOG_CHANNELS = ("EOG1", "EOG2", "EOG3")
+EEG_CHANNELS = tuple(name for name in CHANNELS if name not in EOG_CHANNELS)
+
+#: Sampling rate of the files, in Hz (recorded at 1000 Hz).
+SFREQ = 256.0
+
+#: Event names (two spaces each). A trial runs from one stimulus to the next.
+STIMULI = ("S  1", "S  2", "S  3")
+RESPONSES = ("R  1", "R  2", "R  3")
+FEEDBACKS = ("FB1", "FB2", "FB3")
+CORRECT, HUMAN_ERROR, MACHINE_ERROR = "S  4", "S  5", "S  6"
+FRAME, BACK, TRIAL_END = "S  7", "S  8", "S  9"
+
+N_BLOCKS, N_TRIALS_PER_BLOCK = 10, 50
 
 #: The state of github.com/stefan-ehrlich/dataset-ErrP-HRI that `errp-hri-blobs.txt` describes.
 COMMIT = "4bc3e52469934aa0551a2261a6e4e899d156c28f"
 URL = f"https://raw.githubusercontent.com/stefan-ehrlich/dataset-ErrP-HRI/{COMMIT}"
 ATTEMPTS = 3
+TIMEOUT = 30  # s without an answer
+RANGE_NOT_SATISFIABLE = 416  # the partial file is as long as the whole already
 
 
-def blob_ids():
-    """Git's identifier of every file of the repository at `COMMIT`.
+def cache_dir() -> Path:
+    """Folder for recordings and epochs: ``RLIHF_CACHE``, by default ``~/.cache/rlihf`` on Linux."""
+    return Path(os.environ.get("RLIHF_CACHE") or platformdirs.user_cache_dir("rlihf"))
 
-    Returns
-    -------
-    dict
-        Path within the repository -> 40 hexadecimal digits.
-    """
+
+def blob_ids() -> dict[str, str]:
+    """Path within the repository at `COMMIT` -> git's identifier of the file, 40 digits."""
     lines = (files("rlihf_lib.eeg") / "errp-hri-blobs.txt").read_text(encoding="utf-8").split("\n")
     return {path: blob for blob, path in (line.split() for line in lines if line)}
 
 
-def git_blob_id(path):
+def git_blob_id(path: Path) -> str:
     """Git's identifier of a file: the SHA-1 of ``blob <size>``, a zero byte and the content."""
-    path = Path(path)
     digest = hashlib.sha1(b"blob %d\0" % path.stat().st_size)
     with path.open("rb") as file:
         while chunk := file.read(1 << 20):
@@ -42,45 +68,26 @@ def git_blob_id(path):
     return digest.hexdigest()
 
 
-def recording(subject, scenario="cursor", url=None, blobs=None):
-    """Path of a subject's verified `.set` file, downloaded first if it is not there.
+def recording(subject: str) -> Path:
+    """A subject's verified `.set` in ``<cache>/errp-hri/<folder>``, downloaded if it is missing.
 
-    Parameters
-    ----------
-    subject : str
-        ``s02`` to ``s13``.
-    scenario : {"cursor", "robot"}
-    url : str, optional
-        Where the repository's files are served; default: the environment variable
-        ``RLIHF_HRI_URL`` (a mirror), else GitHub.
-    blobs : dict, optional
-        As `blob_ids` returns it, which is the default.
-
-    Returns
-    -------
-    Path
-        ``<cache>/errp-hri/<folder>/<subject>_<scenario>.set``, its `.fdt` beside it. `s12_cursor`
-        lies in the folder `robot`, as it does in the repository.
+    It comes from GitHub, or the mirror that the environment variable ``RLIHF_HRI_URL`` names; its
+    `.fdt` lies beside it. `s12_cursor` is in the folder `robot`, as in the repository.
 
     Raises
     ------
     ValueError
-        If the subject is unknown, or a file there, or one that arrived, is not the published one.
+        If a file there, or one that arrived, is not the published one.
     OSError
         If a file cannot be downloaded; the message says what to place where. What has arrived is
         kept, and the next call goes on from there.
     """
-    dataset.check_subject(subject, dataset.SUBJECTS, "the ErrP-HRI recordings")
-    blobs = blobs or blob_ids()
-    url = (url or os.environ.get("RLIHF_HRI_URL") or URL).rstrip("/")
-    folder = dataset.cache_dir() / "errp-hri"
+    blobs = blob_ids()
+    url = (os.environ.get("RLIHF_HRI_URL") or URL).rstrip("/")
     # The .set last: where it is, the .fdt is complete.
     for suffix in (".fdt", ".set"):
-        name = f"{subject}_{scenario}{suffix}"
-        place = next((path for path in blobs if path.endswith(f"/{name}")), None)
-        if place is None:
-            raise ValueError(f"the ErrP-HRI data set has no file {name}")
-        target = folder / place
+        place = next(path for path in blobs if path.endswith(f"/{subject}_cursor{suffix}"))
+        target = cache_dir() / "errp-hri" / place
         if not target.is_file():
             _download(f"{url}/{place}", target, blobs[place])
         elif git_blob_id(target) != blobs[place]:
@@ -93,52 +100,52 @@ def recording(subject, scenario="cursor", url=None, blobs=None):
 
 def _download(url, target, blob):
     """Download to a partial file, resuming it, and rename it once its git blob id is right."""
+    by_hand = (
+        f"Without this download: place {target.name}, from {url} or from a clone of "
+        f"https://github.com/stefan-ehrlich/dataset-ErrP-HRI, at {target}"
+    )
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(target.name + ".partial")
     pooch.get_logger().info("Downloading %s", url)
     for attempt in range(1, ATTEMPTS + 1):
         start = partial.stat().st_size if partial.is_file() else 0
-        # A compressed answer would have other byte offsets.
-        headers = {"Accept-Encoding": "identity"}
-        if start:
-            headers["Range"] = f"bytes={start}-"
         try:
-            with partial.open("ab") as file:
-                pooch.HTTPDownloader(headers=headers, timeout=30)(url, file, None)
+            _append(url, partial, start)
         except requests.HTTPError as problem:
-            # 416 says that the partial file is as long as the whole already.
-            if problem.response.status_code != 416:
-                raise OSError(f"{url}: {problem}. {_by_hand(url, target)}") from problem
+            status = getattr(problem.response, "status_code", None)
+            if status != RANGE_NOT_SATISFIABLE:
+                raise OSError(f"{url}: {problem}. {by_hand}") from problem
         except (requests.RequestException, OSError) as problem:
-            if attempt == ATTEMPTS:
-                size = partial.stat().st_size
-                kept = f"{size} bytes are kept in {partial}, to go on from" if size else "no data"
-                if not size:
-                    partial.unlink()
-                raise OSError(
-                    f"{url} could not be downloaded ({type(problem).__name__}; {kept}). "
-                    f"{_by_hand(url, target)}"
-                ) from problem
-            continue
+            if attempt < ATTEMPTS:
+                continue
+            size = partial.stat().st_size
+            kept = f"{size} bytes are kept in {partial}, to go on from" if size else "no data"
+            if not size:
+                partial.unlink()
+            raise OSError(
+                f"{url} could not be downloaded ({type(problem).__name__}; {kept}). {by_hand}"
+            ) from problem
         if git_blob_id(partial) == blob:
             os.replace(partial, target)
             return
-        with partial.open("rb") as file:
-            begin = file.read(40)
-        size = partial.stat().st_size
+        content = partial.read_bytes()
         partial.unlink()
         # A server that knows no ranges sent the whole file after the part: once more, from zero.
         if not start:
-            page = "a web page, perhaps a login or proxy" if begin.lstrip()[:1] == b"<" else "wrong"
+            page = content.lstrip().startswith(b"<")
+            what = "a web page, perhaps a login or proxy" if page else "wrong"
             raise ValueError(
-                f"{url}: what arrived ({size} bytes, beginning {begin!r}) is not the published "
-                f"file (git blob {blob}) but {page}; it was discarded. {_by_hand(url, target)}"
+                f"{url}: what arrived ({len(content)} bytes, beginning {content[:40]!r}) is not "
+                f"the published file (git blob {blob}) but {what}; it was discarded. {by_hand}"
             )
-    raise OSError(f"{url} could not be resumed; try again. {_by_hand(url, target)}")
+    raise OSError(f"{url} could not be resumed; try again. {by_hand}")
 
 
-def _by_hand(url, target):
-    return (
-        f"Without this download: place {target.name}, from {url} or from a clone of "
-        f"https://github.com/stefan-ehrlich/dataset-ErrP-HRI, at {target}"
-    )
+def _append(url, partial, start):
+    """Append what a file holds from byte `start` on."""
+    # A compressed answer would have other byte offsets.
+    headers = {"Accept-Encoding": "identity"}
+    if start:
+        headers["Range"] = f"bytes={start}-"
+    with partial.open("ab") as file:
+        pooch.HTTPDownloader(headers=headers, timeout=TIMEOUT)(url, file, None)

@@ -11,33 +11,25 @@ from scipy.linalg import eigh
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.metrics import accuracy_score, balanced_accuracy_score
 
-from rlihf_lib.eeg.decoding import load_subject
 from rlihf_lib.eeg.fitting import DEFAULTS
 from rlihf_lib.eeg.scores import auroc
-from rlihf_lib.eeg.signals import InputFormat
+from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
 from rlihf_lib.eeg.splits import leave_one_subject_out
 
 STEP = 0.05  # s
+N_FOLDS = 10  # within a subject
 
 
-def scaling(signals):
+def scaling(signals) -> np.ndarray:
     """One over the standard deviation of each channel, as a diagonal matrix; see `whitening`."""
     return np.diag(1 / signals.std(axis=(0, 2)))
 
 
-def whitening(signals):
-    """Symmetric inverse square root of the mean spatial covariance of epochs.
+def whitening(signals) -> np.ndarray:
+    """Symmetric inverse square root of the mean spatial covariance of epochs, without labels.
 
     He & Wu (2020), Transfer learning for brain-computer interfaces: a Euclidean space data
-    alignment approach, IEEE Trans. Biomed. Eng. 67, 399-410. It uses no label.
-
-    Parameters
-    ----------
-    signals : ndarray, shape (n, n_channels, n_times)
-
-    Returns
-    -------
-    ndarray, shape (n_channels, n_channels)
+    alignment approach, IEEE Trans. Biomed. Eng. 67, 399-410.
     """
     covariance = np.mean([np.cov(epoch) for epoch in signals], axis=0)
     power, axes = eigh(covariance)
@@ -45,29 +37,25 @@ def whitening(signals):
     return (axes / np.sqrt(power + 1e-3 * power.mean())) @ axes.T
 
 
-def across_subjects(load, subjects, settings=DEFAULTS, spatial=whitening):
+def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFrame:
     """Decode every subject by what all others teach, leave-one-subject-out.
 
-    Parameters
-    ----------
-    load, subjects, settings
-        As for `decoding.run_loso`; the same window and channels are decoded.
-    spatial : {`whitening`, `scaling`}
-        Makes the spatial filters of a subject from all of the subject's epochs, without labels.
-        That is more than the networks get, which see nothing of the held-out subject but the epoch
-        to decode; LDA needs it.
+    Of a cohort as for `loso.run_loso`, the same window and channels are decoded. `spatial`,
+    `whitening` or `scaling`, makes the spatial filters of a subject from all of the subject's
+    epochs, without labels. That is more than the networks get, which see nothing of the held-out
+    subject but the epoch to decode; LDA needs it.
 
     Returns
     -------
     DataFrame
-        Columns subject, accuracy, balanced_accuracy, auroc.
+        Columns subject, accuracy, balanced_accuracy, auroc; of `within_subject`, too.
     """
     features = {}
-    for subject in subjects:
-        signals, labels, width = _window(load_subject(load, subject, settings), settings)
+    for subject in cohort:
+        signals, labels, width = _window(subject, cohort[subject], settings)
         features[subject] = _means(spatial(signals) @ signals, width), labels
     rows = []
-    for fold in leave_one_subject_out(subjects):
+    for fold in leave_one_subject_out(list(cohort)):
         pool = fold.training_pool(features)
         x, y = (np.concatenate(parts) for parts in zip(*pool.values(), strict=True))
         x_test, y_test = features[fold.test]
@@ -75,38 +63,30 @@ def across_subjects(load, subjects, settings=DEFAULTS, spatial=whitening):
     return pd.DataFrame(rows)
 
 
-def within_subject(epochs, settings=DEFAULTS, n_folds=10):
-    """Cross-validated decoding of one person, folds contiguous in time.
+def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
+    """Cross-validated decoding of each person, by folds contiguous in time.
 
-    Whitening and classifier are fitted on the training folds only.
-
-    Parameters
-    ----------
-    epochs : signals.SubjectEpochs
-        In the order of time.
-    settings : DecoderSettings
-    n_folds : int
-
-    Returns
-    -------
-    dict
-        accuracy, balanced_accuracy, auroc.
+    Whitening and classifier are fitted on the training folds only; epochs are in the order of time.
     """
-    signals, labels, width = _window(epochs, settings)
-    fold = np.arange(len(labels)) * n_folds // len(labels)
-    decision = np.empty(len(labels))
-    for k in range(n_folds):
-        train = fold != k
-        x = _means(whitening(signals[train]) @ signals, width)
-        decision[~train] = _fit(x[train], labels[train]).decision_function(x[~train])
-    return _score(decision, labels)
+    rows = []
+    for subject in cohort:
+        signals, labels, width = _window(subject, cohort[subject], settings)
+        fold = np.arange(len(labels)) * N_FOLDS // len(labels)
+        decision = np.empty(len(labels))
+        for k in range(N_FOLDS):
+            train = fold != k
+            x = _means(whitening(signals[train]) @ signals, width)
+            decision[~train] = _fit(x[train], labels[train]).decision_function(x[~train])
+        rows.append({"subject": subject, **_score(decision, labels)})
+    return pd.DataFrame(rows)
 
 
-def _window(epochs, settings):
+def _window(subject, epochs, settings):
     """Signals in the window, channels by name; labels; samples that make one mean."""
-    layout = InputFormat.of(epochs, settings.window)
-    signals = layout.pick(epochs)[:, np.argsort(layout.channels), layout.start : layout.stop]
-    return signals, epochs.labels, round(STEP * layout.sfreq)
+    taken = SubjectEpochs.from_mne(subject, epochs, settings.channels)
+    layout = InputFormat.of(taken, settings.window)
+    signals = layout.pick(taken)[:, np.argsort(layout.channels), layout.start : layout.stop]
+    return signals, taken.labels, round(STEP * layout.sfreq)
 
 
 def _means(signals, width):

@@ -1,25 +1,20 @@
 """Recordings to epochs: band-pass, average reference, 2-s windows at feedback onset, labels."""
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import mne
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.eeg import folder, recordings
-from rlihf_lib.eeg.dataset import (
-    CORRECT,
-    FEEDBACKS,
-    HUMAN_ERROR,
-    MACHINE_ERROR,
-    N_TRIALS_PER_BLOCK,
-    STIMULI,
-    cache_dir,
-)
+from rlihf_lib.eeg import hri, recordings
+from rlihf_lib.eeg.formats import labelled_epochs, read_folder_epochs
+from rlihf_lib.eeg.hri import CORRECT, FEEDBACKS, HUMAN_ERROR, MACHINE_ERROR
 from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
 
 _VERSION = 1  # raise when the steps change in anything but their settings
-EVENT_ID = {"correct": 1, "error": 2}
+COLUMNS = ["subject", "session", "epoch", "sample", "block", "label", "status"]
 
 
 @dataclass(frozen=True)
@@ -51,20 +46,30 @@ class Preprocessing:
             )
 
 
-def load_epochs(eeg, subject, settings=Preprocessing()):
-    """Preprocessed epochs of one subject.
+@dataclass(frozen=True)
+class Cohort(Mapping):
+    """Subject -> `load_epochs`, loaded whenever it is asked for."""
 
-    Parameters
-    ----------
-    eeg : str or Path
-        ``"simulated"``, ``"hri"``, or a folder of epochs.
-    subject : str
-        One of `recordings.source_subjects`.
-    settings : Preprocessing
+    eeg: str | Path
+    subjects: Sequence[str]
+    settings: Preprocessing = Preprocessing()
+
+    def __getitem__(self, subject: str) -> mne.BaseEpochs:
+        return load_epochs(self.eeg, subject, self.settings)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.subjects)
+
+    def __len__(self) -> int:
+        return len(self.subjects)
+
+
+def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
+    """Preprocessed epochs of one subject (`recordings.source_subjects`) of a source of EEG.
 
     Returns
     -------
-    mne.EpochsArray
+    mne.Epochs
         EEG and EOG channels in volts; events ``correct`` and ``error``. The metadata holds
         subject, session, epoch (index of the feedback within the subject's recording, counting the
         dropped ones, so that it stays the same whatever is dropped), label (0 correct, 1 error)
@@ -77,49 +82,34 @@ def load_epochs(eeg, subject, settings=Preprocessing()):
 
     Notes
     -----
-    Epochs of recordings are cached in `dataset.cache_dir`, by the content of the recording and the
+    Epochs of recordings are cached in `hri.cache_dir`, by the content of the recording and the
     settings. Epochs of a folder keep their windows, are never resampled upwards, and are filtered
     only if they are at least three times as long as the filter: a second filtering of short epochs
     smears their edges into the response.
     """
-    if eeg not in ("simulated", "hri"):
+    if recordings.is_folder(eeg):
         return _folder_epochs(eeg, subject, settings)
     return _cached(eeg, subject, settings)[0]
 
 
-def load_events(eeg, subject, settings=Preprocessing()):
+def load_events(eeg, subject, settings=Preprocessing()) -> pd.DataFrame:
     """All feedback events of a simulated or ErrP-HRI subject, and what became of each.
 
-    Parameters
-    ----------
-    eeg : {"simulated", "hri"}
-    subject : str
-    settings : Preprocessing
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per feedback: subject, session, epoch, sample (onset in the preprocessed data),
-        block, label (0 correct, 1 error, -1 neither), status (kept, artefact, human error,
-        no outcome, past the end).
+    One row per feedback: subject, session, epoch, sample (onset in the preprocessed data), block,
+    label (0 correct, 1 error, -1 neither), status (kept, artefact, human error, no outcome, past
+    the end).
     """
     return _cached(eeg, subject, settings)[1]
 
 
-def load_continuous(eeg, subject, settings=Preprocessing()):
+def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawArray, pd.DataFrame]:
     """Preprocessed continuous recording of a subject, to be replayed as a stream.
-
-    Parameters
-    ----------
-    eeg : {"simulated", "hri"}
-    subject : str
-    settings : Preprocessing
 
     Returns
     -------
     raw : mne.io.Raw
         EEG and EOG channels, volts.
-    events : pandas.DataFrame
+    events : DataFrame
         See `load_events`. The `n` samples from `sample` on are, bit for bit, the epoch that
         `load_epochs` returns for a kept event.
 
@@ -129,36 +119,45 @@ def load_continuous(eeg, subject, settings=Preprocessing()):
         If the source is a folder of epochs, which has no continuous signal, or no feedback of the
         recording can be labelled.
     """
-    if eeg not in ("simulated", "hri"):
+    if recordings.is_folder(eeg):
         raise ValueError(f"{eeg} holds epochs, not continuous data; choose 'simulated' or 'hri'")
     raw = recordings.read_recording(eeg, subject)
-    events = _feedback_events(raw, settings)
-    events.insert(0, "subject", subject)
-    events.insert(1, "session", eeg)
-    _filter(raw, settings)
+    events = _feedback_events(raw).assign(subject=subject, session=eeg)
+    raw.filter(settings.l_freq, settings.h_freq, picks=["eeg", "eog"], verbose="error")
+    _resample_and_reference(raw, settings)
+    # Single precision, far below the noise, so that what a file holds equals what memory holds.
+    raw.apply_function(lambda values: values.astype(np.float32), picks="all", verbose="error")
     n_times = round(settings.duration * raw.info["sfreq"])
     events["sample"] = np.round(events["onset"] * raw.info["sfreq"]).astype(int)
     data = raw.get_data(picks="eeg")
-    for row in events.index[events["status"] == "kept"]:
-        window = data[:, events.at[row, "sample"] :][:, :n_times]
+    for row, first in events.loc[events["status"] == "kept", "sample"].items():
+        window = data[:, first : first + n_times]
         if window.shape[1] < n_times:
             events.at[row, "status"] = "past the end"
         elif np.ptp(window, axis=1).max() > settings.reject:
             events.at[row, "status"] = "artefact"
-    columns = ["subject", "session", "epoch", "sample", "block", "label", "status"]
-    return raw, events[columns]
+    return raw, events[COLUMNS]
 
 
-def _feedback_events(raw, settings):
+def cut(raw, events, settings) -> mne.EpochsArray:
+    """Cut the kept events of a continuous recording, both as `load_continuous` gives them."""
+    kept = events[events["status"] == "kept"].drop(columns="status").reset_index(drop=True)
+    n_times = round(settings.duration * raw.info["sfreq"])
+    data = raw.get_data()
+    windows = np.stack([data[:, first : first + n_times] for first in kept["sample"]])
+    return labelled_epochs(windows, raw.info, 0.0, kept)
+
+
+def _feedback_events(raw):
     """Feedback events in the order of time, labelled by the outcome marker of their trial."""
     onset, name = raw.annotations.onset, raw.annotations.description
-    trial = np.searchsorted(onset[np.isin(name, STIMULI)], onset, side="right")
+    trial = np.searchsorted(onset[np.isin(name, hri.STIMULI)], onset, side="right")
     rows = []
     for index in np.flatnonzero(np.isin(name, FEEDBACKS)):
-        outcome = set(name[trial == trial[index]]) & {CORRECT, HUMAN_ERROR, MACHINE_ERROR}
-        outcome = outcome.pop() if len(outcome) == 1 else None
+        outcomes = set(name[trial == trial[index]]) & {CORRECT, HUMAN_ERROR, MACHINE_ERROR}
+        outcome = outcomes.pop() if len(outcomes) == 1 else ""
         label = {CORRECT: 0, MACHINE_ERROR: 1}.get(outcome, -1)
-        status = {None: "no outcome", HUMAN_ERROR: "human error"}.get(outcome, "kept")
+        status = {"": "no outcome", HUMAN_ERROR: "human error"}.get(outcome, "kept")
         rows.append((onset[index], label, status))
     events = pd.DataFrame(rows, columns=["onset", "label", "status"])
     if not (events["label"] >= 0).any():
@@ -167,19 +166,15 @@ def _feedback_events(raw, settings):
             f"among the events of the recording, which are {', '.join(sorted(set(name))) or 'none'}"
         )
     events["epoch"] = np.arange(len(events))
-    events["block"] = events["epoch"] // N_TRIALS_PER_BLOCK
+    events["block"] = events["epoch"] // hri.N_TRIALS_PER_BLOCK
     return events
 
 
-def _filter(raw, settings):
-    """Band-pass, resample and re-reference in place."""
-    raw.filter(settings.l_freq, settings.h_freq, picks=["eeg", "eog"], verbose="error")
-    if raw.info["sfreq"] > settings.sfreq:
-        raw.resample(settings.sfreq, verbose="error")
+def _resample_and_reference(instance, settings):
+    if instance.info["sfreq"] > settings.sfreq:
+        instance.resample(settings.sfreq, verbose="error")
     if settings.reference == "average":
-        raw.set_eeg_reference("average", verbose="error")
-    # Single precision, far below the noise, so that what a file holds equals what memory holds.
-    raw.apply_function(lambda values: values.astype(np.float32), picks="all", verbose="error")
+        instance.set_eeg_reference("average", verbose="error")
 
 
 def _cached(eeg, subject, settings):
@@ -188,7 +183,7 @@ def _cached(eeg, subject, settings):
     used = asdict(settings)
     del used["drop_channels"]  # says nothing of recordings, whose cached epochs stay good
     key = sha256(canonical_json([_VERSION, eeg, subject, content, used]))[:16]
-    file = cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
+    file = hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
     table = file.with_name(f"{subject}-{key}.csv")
     if not (file.is_file() and table.is_file()):
         raw, events = load_continuous(eeg, subject, settings)
@@ -196,55 +191,20 @@ def _cached(eeg, subject, settings):
             cut(raw, events, settings).save(temporary, overwrite=True, verbose="error")
         write_csv(table, events)
     events = pd.read_csv(table, dtype={"subject": str, "session": str})
-    epochs = mne.read_epochs(file, verbose="error")
-    return epochs, events
-
-
-def cut(raw, events, settings):
-    """Cut the kept events of a continuous recording, both as `load_continuous` gives them.
-
-    Returns
-    -------
-    mne.EpochsArray
-        See `load_epochs`.
-    """
-    kept = events[events["status"] == "kept"].drop(columns="status").reset_index(drop=True)
-    n_times = round(settings.duration * raw.info["sfreq"])
-    data = raw.get_data()
-    windows = np.stack([data[:, first : first + n_times] for first in kept["sample"]])
-    return _epochs(windows, raw.info, 0.0, kept)
-
-
-def _epochs(data, info, tmin, metadata):
-    # Distinct first samples, which MNE demands; folders have no continuous time.
-    first = metadata["sample"] if "sample" in metadata else metadata["epoch"]
-    events = np.column_stack([first, np.zeros(len(data), int), metadata["label"] + 1]).astype(int)
-    return mne.EpochsArray(
-        data, info, events, tmin=tmin, event_id=EVENT_ID, metadata=metadata, proj=False,
-        verbose="error",
-    )  # fmt: skip
+    return mne.read_epochs(file, verbose="error"), events
 
 
 def _folder_epochs(eeg, subject, settings):
-    data, info, tmin, labels, sessions = folder.read_folder_epochs(
-        eeg, subject, settings.correct_event, settings.error_event, settings.drop_channels
-    )
-    metadata = pd.DataFrame(
-        {"subject": subject, "session": sessions, "epoch": np.arange(len(data)), "label": labels}
-    )
-    epochs = _epochs(data, info, tmin, metadata)
-    band = {}
+    names = (settings.correct_event, settings.error_event)
+    epochs = read_folder_epochs(eeg, subject, names, settings.drop_channels)
+    info, band = epochs.info, []
     if info["highpass"] < settings.l_freq:
-        band["l_freq"] = settings.l_freq
+        band.append((settings.l_freq, None))
     if info["lowpass"] > settings.h_freq:
-        band["h_freq"] = settings.h_freq
-    for edge, frequency in band.items():
-        edges = {"l_freq": None, "h_freq": None, edge: frequency}
-        length = len(mne.filter.create_filter(None, info["sfreq"], **edges, verbose="error"))
-        if epochs.get_data(copy=False).shape[-1] >= 3 * length:
-            epochs.filter(**edges, picks=["eeg", "eog"], verbose="error")
-    if info["sfreq"] > settings.sfreq:
-        epochs.resample(settings.sfreq, verbose="error")
-    if settings.reference == "average":
-        epochs.set_eeg_reference("average", verbose="error")
+        band.append((None, settings.h_freq))
+    for edges in band:
+        length = len(mne.filter.create_filter(None, info["sfreq"], *edges, verbose="error"))
+        if len(epochs.times) >= 3 * length:
+            epochs.filter(*edges, picks=["eeg", "eog"], verbose="error")
+    _resample_and_reference(epochs, settings)
     return epochs

@@ -1,19 +1,83 @@
-"""How well errors are told from correct events, with intervals over trials and chance levels."""
+"""What p(error) is worth: how well errors are told, and whether p can be taken at its word.
+
+Every score has its interval over trials and, where there is one, its chance level.
+"""
 
 import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import expit, logit
 from scipy.stats import rankdata
 
-from rlihf_lib.eeg.calibration import expected_calibration_error
-
 CONFIDENCE = 0.95
+N_BINS = 10  # of p(error), equally wide, in which promised and observed errors are compared
+TEMPERATURES = (0.05, 20.0)  # lowest and highest
 
 
-def accuracy(p_error, labels, prior=0.5):
+def probability(log_odds, temperature=1.0, prior=0.5) -> np.ndarray:
+    """p(error), Eq. (1) with temperature T: sigmoid(log-odds / T + logit(prior)).
+
+    Parameters
+    ----------
+    log_odds : ndarray, shape (n,)
+        Evidence of an error in the EEG: logit of error minus logit of correct.
+    temperature : float
+    prior : float
+        Fraction of errors to expect.
+    """
+    return expit(np.asarray(log_odds) / temperature + logit(prior))
+
+
+def fit_temperature(log_odds, labels, prior_log_odds=0.0) -> float:
+    """The temperature T, within `TEMPERATURES`, with the smallest cross-entropy of `probability`.
+
+    Above 1 the network was too sure of itself. Guo, Pleiss, Sun, Weinberger (2017), On calibration
+    of modern neural networks, ICML, sec. 4.2.
+
+    Parameters
+    ----------
+    log_odds, labels : ndarray, shape (n,)
+        Of validation epochs; 1 = error, 0 = correct.
+    prior_log_odds : ndarray, shape (n,)
+        Log-odds of an error before looking at the EEG.
+    """
+    signs = 2 * np.asarray(labels) - 1
+
+    def cross_entropy(log_temperature):
+        evidence = log_odds * np.exp(-log_temperature)
+        return np.logaddexp(0, -signs * (evidence + prior_log_odds)).mean()
+
+    best = minimize_scalar(
+        cross_entropy, bounds=np.log(TEMPERATURES), method="bounded", options={"xatol": 1e-6}
+    )
+    return float(np.exp(best.x))
+
+
+def reliability(p_error, labels, n_bins=N_BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each bin of p(error): its mean, the fraction of errors (NaN if empty), the epochs."""
+    bins = np.minimum((np.asarray(p_error) * n_bins).astype(int), n_bins - 1)
+    count = np.bincount(bins, minlength=n_bins)
+    with np.errstate(invalid="ignore"):
+        promised = np.bincount(bins, p_error, n_bins) / count
+        observed = np.bincount(bins, labels, n_bins) / count
+    return promised, observed, count
+
+
+def calibration_error(p_error, labels, prior=0.5) -> float:
+    """Mean distance between promised and observed (`reliability`), weighted by the epochs.
+
+    Naeini, Cooper, Hauskrecht (2015), AAAI, for the error class.
+    """
+    promised, observed, count = reliability(p_error, labels)
+    filled = count > 0
+    return float(np.sum(count[filled] * np.abs(promised - observed)[filled]) / count.sum())
+
+
+def accuracy(p_error, labels, prior=0.5) -> float:
     """Fraction of epochs judged right at p(error) > 0.5, Bayes' threshold for calibrated p."""
     return float(np.mean((p_error > 0.5) == labels))
 
 
-def balanced_accuracy(p_error, labels, prior):
+def balanced_accuracy(p_error, labels, prior) -> float:
     """Mean of sensitivity and specificity at p(error) > `prior`.
 
     With calibrated p and both classes counted alike, Bayes' threshold is the fraction of errors
@@ -34,11 +98,7 @@ def auroc(p_error, labels, prior=0.5):
     return (ranks.sum(axis=0) - n_errors * (n_errors + 1) / 2) / n_pairs
 
 
-def calibration_error(p_error, labels, prior=0.5):
-    """See `calibration.expected_calibration_error`."""
-    return expected_calibration_error(p_error, labels)
-
-
+#: All of them take `(p_error, labels, prior)`.
 SCORES = {
     "accuracy_online": accuracy,
     "balanced_accuracy": balanced_accuracy,
@@ -47,15 +107,13 @@ SCORES = {
 }
 
 
-def score(p_error, p_raw, labels, prior, n_resamples, rng):
+def score(p_error, p_raw, labels, prior, n_resamples, rng) -> dict[str, float]:
     """Score one held-out subject.
 
     Parameters
     ----------
-    p_error, p_raw : ndarray, shape (n,)
-        Calibrated and uncalibrated p(error).
-    labels : ndarray, shape (n,)
-        1 = error, 0 = correct; both must occur.
+    p_error, p_raw, labels : ndarray, shape (n,)
+        Calibrated and uncalibrated p(error); 1 = error, 0 = correct, both of which occur.
     prior : float
         Fraction of errors among the training epochs.
     n_resamples : int
@@ -72,21 +130,20 @@ def score(p_error, p_raw, labels, prior, n_resamples, rng):
     """
     p_error, p_raw, labels = map(np.asarray, (p_error, p_raw, labels))
     groups = [np.flatnonzero(labels == label) for label in (0, 1)]
-    drawn = {name: [] for name in SCORES}
+    drawn = []
     for _ in range(n_resamples):
         rows = np.concatenate([rng.choice(group, len(group)) for group in groups])
-        for name, function in SCORES.items():
-            drawn[name].append(function(p_error[rows], labels[rows], prior))
-    result = {}
-    for name, function in SCORES.items():
+        drawn.append([function(p_error[rows], labels[rows], prior) for function in SCORES.values()])
+    tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+    result: dict[str, float] = {}
+    for (name, function), values in zip(SCORES.items(), np.transpose(drawn), strict=True):
         result[name] = function(p_error, labels, prior)
-        tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
-        result[f"{name}_low"], result[f"{name}_high"] = np.quantile(drawn[name], tails)
+        result[f"{name}_low"], result[f"{name}_high"] = np.quantile(values, tails)
     result["ece_raw"] = calibration_error(p_raw, labels)
     result["majority"] = float(max(labels.mean(), 1 - labels.mean()))
     permuted = [rng.permutation(labels) for _ in range(n_resamples)]
     chance = [balanced_accuracy(p_error, shuffled, prior) for shuffled in permuted]
-    result["balanced_accuracy_chance"] = np.quantile(chance, CONFIDENCE)
+    result["balanced_accuracy_chance"] = float(np.quantile(chance, CONFIDENCE))
     exceeding = sum(auroc(p_error, shuffled) >= result["auroc"] for shuffled in permuted)
     result["auroc_p"] = (1 + exceeding) / (1 + n_resamples)
     return result

@@ -8,53 +8,31 @@ from rlihf_lib.files import canonical_json, sha256
 
 NETWORK_RATE = 30.0  # Hz, at least; error potentials lie below 10 Hz
 UNIT = 10e-6  # V; brings EEG near 1, the batch normalisations do the rest
+CLASSES = ("correct", "error")
+#: Relative; processors differ by 2e-5, one other epoch in 500 by more than it.
+POWER_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class SubjectEpochs:
     """Epochs of one subject as arrays.
 
-    Parameters
-    ----------
-    subject : str
-    signals : ndarray, shape (n, n_channels, n_times)
-        Volts.
-    labels : ndarray of int, shape (n,)
-        1 = error, 0 = correct.
-    index : ndarray of int, shape (n,)
-        Number of the feedback event within the subject's recording, unique.
-    channels : tuple of str
-    sfreq : float
-        Hz.
-    tmin : float
-        Time of the first sample relative to the feedback, s.
-
-    Raises
-    ------
-    ValueError
-        If shapes disagree, a value is not finite, or one of the two classes is missing; the
-        message names subject, value and remedy.
+    A ValueError names subject, value and remedy if a value is not finite, an index is there twice
+    or one of the two classes is missing.
     """
 
     subject: str
-    signals: np.ndarray
-    labels: np.ndarray
-    index: np.ndarray
+    signals: np.ndarray  # volts, shape (n, n_channels, n_times)
+    labels: np.ndarray  # shape (n,), 1 = error, 0 = correct
+    index: np.ndarray  # shape (n,), number of the feedback event within the recording
     channels: tuple
-    sfreq: float
-    tmin: float
+    sfreq: float  # Hz
+    tmin: float  # time of the first sample relative to the feedback, s
 
     def __post_init__(self):
         n = len(self.signals)
-        if self.signals.ndim != 3 or self.signals.shape[1] != len(self.channels):
-            raise ValueError(
-                f"subject {self.subject}: signals of shape {self.signals.shape} do not fit "
-                f"{len(self.channels)} channels; expected (epochs, channels, times)"
-            )
-        if len(self.labels) != n or len(self.index) != n or len(np.unique(self.index)) != n:
-            raise ValueError(
-                f"subject {self.subject}: {n} epochs need as many labels and distinct indices"
-            )
+        if len(np.unique(self.index)) != n:
+            raise ValueError(f"subject {self.subject}: {n} epochs need as many distinct indices")
         finite = np.isfinite(self.signals).all(axis=2)
         if not finite.all():
             epoch, channel = np.argwhere(~finite)[0]
@@ -70,14 +48,8 @@ class SubjectEpochs:
             )
 
     @classmethod
-    def from_mne(cls, subject, epochs, channels="eeg"):
-        """Take the channels of type "eeg", "eog", or both ("all") of preprocessed MNE epochs.
-
-        Raises
-        ------
-        ValueError
-            If there is none of that type, or for the reasons above.
-        """
+    def from_mne(cls, subject, epochs, channels="eeg") -> "SubjectEpochs":
+        """Take the channels of type "eeg", "eog", or both ("all") of preprocessed MNE epochs."""
         types = ["eeg", "eog"] if channels == "all" else [channels]
         if not set(types) & set(epochs.get_channel_types()):
             raise ValueError(
@@ -95,81 +67,48 @@ class SubjectEpochs:
             tmin=float(epochs.tmin),
         )
 
-    def fingerprint(self):
+    def fingerprint(self) -> str:
         """Hash labels and layout: what is the same to the last bit on every computer."""
         layout = [self.subject, self.channels, self.sfreq, self.tmin]
         return sha256(canonical_json([layout, self.labels.tolist(), self.index.tolist()]))
 
-    def power(self):
-        """Mean power of each class in each channel, in µV², to six digits.
+    def power(self) -> list[list[float]]:
+        """Mean power of each class (2) in each channel, in µV², to six digits.
 
         By it signals are recognised (`same_power`), for no hash can: filters and simulation differ
         a little between processors, which is what shipped results must bear.
-
-        Returns
-        -------
-        list of list of float, shape (2, n_channels)
         """
         by_class = [self.signals[self.labels == i] for i in range(len(CLASSES))]
         means = [np.square(1e6 * part, dtype=np.float64).mean((0, 2)) for part in by_class]
         return [[float(f"{value:.5e}") for value in mean] for mean in means]
 
 
-CLASSES = ("correct", "error")
-POWER_TOLERANCE = (
-    1e-3  # relative; processors differ by 2e-5, one other epoch in 500 by more than it
-)
-
-
-def same_power(first, second):
-    """Tell whether two results of `SubjectEpochs.power` are of the same signals."""
+def same_power(first, second) -> bool:
+    """Whether two results of `SubjectEpochs.power` are of the same signals."""
     first, second = np.asarray(first, float), np.asarray(second, float)
     return first.shape == second.shape and np.allclose(first, second, POWER_TOLERANCE, 0)
 
 
 @dataclass(frozen=True)
 class InputFormat:
-    """How epochs become what the networks see; the same for every subject of a study.
+    """How epochs become what the networks see; the same for every subject of a study."""
 
-    Parameters
-    ----------
-    channels : tuple of str
-        Looked up by name, so their order in a recording does not matter.
-    sfreq : float
-        Of the epochs, Hz.
-    tmin : float
-        Of the epochs, s after the feedback.
-    n_times : int
-        Of the epochs.
-    start, stop : int
-        The samples that are decoded.
-    decimation : int
-        Samples averaged into one, down to 30 to 60 Hz. Error potentials lie below 10 Hz, so that
-        nothing of them is lost, some noise is, and the networks have an eighth of the work.
-    """
-
-    channels: tuple
-    sfreq: float
-    tmin: float
+    channels: tuple  # looked up by name, so their order in a recording does not matter
+    sfreq: float  # of the epochs, Hz; what follows is of the epochs, too
+    tmin: float  # s after the feedback
     n_times: int
-    start: int
+    start: int  # the samples that are decoded
     stop: int
+    #: Samples averaged into one, down to 30 to 60 Hz. Error potentials lie below 10 Hz, so that
+    #: nothing of them is lost, some noise is, and the networks have an eighth of the work.
     decimation: int
 
     @classmethod
-    def of(cls, epochs, window):
+    def of(cls, epochs: SubjectEpochs, window) -> "InputFormat":
         """Read the format off a subject's epochs.
 
-        Parameters
-        ----------
-        epochs : SubjectEpochs
-        window : (float, float)
-            Seconds after the feedback to decode; cut to what the epochs hold.
-
-        Raises
-        ------
-        ValueError
-            If the epochs hold nothing of the window.
+        `window`, two times in s after the feedback, is cut to what the epochs hold; a ValueError
+        says if that is nothing.
         """
         n_times = epochs.signals.shape[-1]
         start, stop = (
@@ -186,21 +125,14 @@ class InputFormat:
         return cls(epochs.channels, epochs.sfreq, epochs.tmin, n_times, start, stop, decimation)
 
     @property
-    def network_sfreq(self):
+    def network_sfreq(self) -> float:
         """Sampling rate the networks see, Hz."""
         return self.sfreq / self.decimation
 
-    def pick(self, epochs):
-        """Bring a subject's channels into order by name.
+    def pick(self, epochs: SubjectEpochs) -> np.ndarray:
+        """A subject's signals, shape (n, n_channels, n_times), channels in order by name.
 
-        Returns
-        -------
-        ndarray, shape (n, n_channels, n_times)
-
-        Raises
-        ------
-        ValueError
-            If a channel is missing, or sampling rate or epoch length differ.
+        A ValueError says if a channel is missing, or sampling rate or epoch length differ.
         """
         missing = [name for name in self.channels if name not in epochs.channels]
         if missing:
@@ -217,20 +149,12 @@ class InputFormat:
             )
         return epochs.signals[:, [epochs.channels.index(name) for name in self.channels]]
 
-    def condition(self, signals):
+    def condition(self, signals) -> np.ndarray:
         """Cut the window, average neighbouring samples, and count in units of 10 µV.
 
-        Each epoch by itself: nothing is normalised over epochs or subjects. (On real feedback
-        potentials, per-subject scaling and Euclidean alignment lost AUROC on validation subjects.)
-
-        Parameters
-        ----------
-        signals : ndarray, shape (n, n_channels, n_times)
-            In the order of `channels`, volts.
-
-        Returns
-        -------
-        ndarray, shape (n, n_channels, m)
+        From signals as `pick` gives them to shape (n, n_channels, m). Each epoch by itself:
+        nothing is normalised over epochs or subjects. (On real feedback potentials, per-subject
+        scaling and Euclidean alignment lost AUROC on validation subjects.)
         """
         window = signals[..., self.start : self.stop].astype(np.float64)
         return window.reshape(*window.shape[:-1], -1, self.decimation).mean(-1) / UNIT

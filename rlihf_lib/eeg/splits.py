@@ -1,6 +1,6 @@
 """Leave one subject out: who trains, who validates, who is held out, and nothing in between."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 
@@ -15,26 +15,16 @@ class LeakageError(KeyError):
 class Fold:
     """One held-out subject, and for every network the subjects that train and validate it.
 
-    Parameters
-    ----------
-    test : str
-        Held-out subject.
-    pool : tuple of str
-        Everybody else.
-    validation : tuple of tuple of str
-        For every network the subjects of the pool that decide when its training stops. The rest
-        of the pool trains it.
-
-    Raises
-    ------
-    ValueError
-        If the held-out subject is in the pool, a subject is there twice, a validation subject is
-        not in the pool, or a network is left without validation or training subjects.
+    A ValueError refuses a fold in which a subject has two roles, or a network lacks one.
     """
 
     test: str
+    """Held-out subject."""
     pool: tuple
+    """Everybody else."""
     validation: tuple
+    """For every network the subjects of the pool, a tuple of str, that decide when its training
+    stops. The rest of the pool trains it."""
 
     def __post_init__(self):
         if self.test in self.pool:
@@ -52,35 +42,22 @@ class Fold:
             if not subjects or set(subjects) == set(self.pool):
                 raise ValueError("every network needs a validation and a training subject")
 
-    def training(self, network):
-        """Return the subjects that train network number `network`."""
+    def training(self, network) -> tuple:
+        """Subjects that train network number `network`."""
         return tuple(s for s in self.pool if s not in self.validation[network])
 
-    def training_pool(self, data):
-        """Hand out the data of the pool; asking it for anyone else raises.
-
-        Parameters
-        ----------
-        data : Mapping
-            Subject -> data, of all subjects.
-
-        Returns
-        -------
-        TrainingPool
-        """
+    def training_pool(self, data) -> "TrainingPool":
+        """The pool's part of `data`, a mapping from all subjects."""
         return TrainingPool(self, data)
 
 
 class TrainingPool(Mapping):
     """The data of a fold's pool, the only thing that whatever is fitted gets to see.
 
-    Raises
-    ------
-    LeakageError
-        On the held-out subject, and on anyone else outside the pool.
+    Asking for the held-out subject, or anyone else outside the pool, raises a `LeakageError`.
     """
 
-    def __init__(self, fold, data):
+    def __init__(self, fold: Fold, data):
         self.fold = fold
         # A copy of the references: the data of the held-out subject are not even reachable.
         self._data = {subject: data[subject] for subject in fold.pool}
@@ -93,18 +70,15 @@ class TrainingPool(Mapping):
             )
         return self._data[subject]
 
-    def __contains__(self, subject):
-        return subject in self._data
-
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         return iter(self._data)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._data)
 
 
-def leave_one_subject_out(subjects, n_networks=1, n_validation=2):
-    """Make one fold per subject.
+def leave_one_subject_out(subjects, n_networks=1, n_validation=2) -> list[Fold]:
+    """Make one fold per subject, of which there must be three: to train, validate and test.
 
     Parameters
     ----------
@@ -115,15 +89,6 @@ def leave_one_subject_out(subjects, n_networks=1, n_validation=2):
         together learn from all of it.
     n_validation : int
         Validation subjects of a network; fewer where the pool is small.
-
-    Returns
-    -------
-    list of Fold
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than three subjects: one each to train, validate and test.
     """
     subjects = tuple(subjects)
     if len(subjects) < 3:

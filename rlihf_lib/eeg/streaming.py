@@ -1,24 +1,20 @@
 """Samples in, time-aligned epochs out, p(error) out: replay today, a live amplifier tomorrow."""
 
 import time
+from collections.abc import Iterator
 
 import numpy as np
 
-from rlihf_lib.eeg.calibration import probability
+from rlihf_lib.eeg.scores import probability
+
+CHUNK = 32  # samples an amplifier delivers at a time
 
 
 class RingBuffer:
     """The latest samples of a stream, and the windows events ask for.
 
-    Parameters
-    ----------
-    n_channels : int
-    n_times : int
-        Samples of a window.
-    offset : int
-        First sample of a window relative to its event.
-    n_windows : int
-        Capacity in windows; how late after its window's last sample an event may be marked.
+    A window is `n_times` samples long and starts `offset` samples after its event. The capacity is
+    `n_windows`: so late after its window's last sample an event may be marked.
     """
 
     def __init__(self, n_channels, n_times, offset=0, n_windows=4):
@@ -28,18 +24,11 @@ class RingBuffer:
         self._pending = []
         self._samples = np.zeros((n_channels, n_windows * n_times))
 
-    def mark(self, sample):
+    def mark(self, sample) -> None:
         """Ask for the window of an event.
 
-        Parameters
-        ----------
-        sample : int
-            When it happened, counted from the first sample of the stream; may lie in the future.
-
-        Raises
-        ------
-        ValueError
-            If the window starts before the stream or has been overwritten already.
+        `sample` counts from the first of the stream, and may lie in the future. A ValueError says
+        if the window starts before the stream or has been overwritten already.
         """
         start = int(sample) + self.offset
         oldest = max(0, self.n_received - self._samples.shape[1])
@@ -50,40 +39,24 @@ class RingBuffer:
             )
         self._pending.append(int(sample))
 
-    def push(self, chunk):
-        """Append samples.
+    def push(self, chunk) -> Iterator[tuple[int, np.ndarray]]:
+        """Append samples, shape (n_channels, any n).
 
-        Parameters
-        ----------
-        chunk : ndarray, shape (n_channels, n)
-            Any n.
-
-        Yields
-        ------
-        sample : int
-            An event whose window is complete.
-        window : ndarray, shape (n_channels, n_times)
-            A copy.
-
-        Raises
-        ------
-        ValueError
-            If the number of channels is wrong.
+        Yields every event whose window is complete: its sample, and a copy of the window, shape
+        (n_channels, n_times).
         """
         chunk = np.asarray(chunk)
         if chunk.ndim != 2 or len(chunk) != len(self._samples):
             raise ValueError(
                 f"a chunk of shape {chunk.shape}; expected ({len(self._samples)} channels, n)"
             )
-        capacity = self._samples.shape[1]
-        # Piecewise, so that a chunk longer than the buffer overwrites nothing still needed.
-        for first in range(0, chunk.shape[1], self.n_times):
+        # Piecewise, so that a chunk longer than the buffer overwrites nothing still needed; at
+        # least once, for an event may have been marked after its samples.
+        for first in range(0, max(chunk.shape[1], 1), self.n_times):
             piece = chunk[:, first : first + self.n_times]
-            where = (self.n_received + np.arange(piece.shape[1])) % capacity
+            where = (self.n_received + np.arange(piece.shape[1])) % self._samples.shape[1]
             self._samples[:, where] = piece
             self.n_received += piece.shape[1]
-            yield from self._complete()
-        if chunk.shape[1] == 0:
             yield from self._complete()
 
     def _complete(self):
@@ -102,12 +75,8 @@ class StreamDecoder:
     ----------
     decoder : decoder.Decoder
     channels : sequence of str, optional
-        Channels of the stream; those of the decoder are picked by name. Default: the decoder's.
-
-    Raises
-    ------
-    ValueError
-        If the stream lacks a channel.
+        Channels of the stream; those of the decoder are picked by name, and a ValueError says
+        which are lacking. Default: the decoder's.
     """
 
     def __init__(self, decoder, channels=None):
@@ -118,34 +87,17 @@ class StreamDecoder:
         if missing:
             raise ValueError(f"the stream lacks the channel(s) {', '.join(missing)}")
         self._picks = [channels.index(name) for name in layout.channels]
-        self.buffer = RingBuffer(
-            len(self._picks), layout.n_times, offset=round(layout.tmin * layout.sfreq)
-        )
-        self.latencies = []
+        offset = round(layout.tmin * layout.sfreq)
+        self.buffer = RingBuffer(len(self._picks), layout.n_times, offset)
+        self.latencies: list[float] = []
         """Seconds from having an epoch's last sample to having its p(error), per event."""
 
-    def mark(self, sample):
+    def mark(self, sample) -> None:
         """Announce a feedback event; see `RingBuffer.mark`."""
         self.buffer.mark(sample)
 
-    def push(self, chunk):
-        """Append samples and decode what is complete.
-
-        Parameters
-        ----------
-        chunk : ndarray, shape (n_channels, n)
-            Volts.
-
-        Returns
-        -------
-        list of (int, float)
-            Events (their samples) and their log-odds of error, before temperature.
-
-        Raises
-        ------
-        ValueError
-            On a wrong number of channels, or NaN within an epoch.
-        """
+    def push(self, chunk) -> list[tuple[int, float]]:
+        """Append samples, shape (n_channels, any n); sample and log-odds of events now decoded."""
         decoded = []
         for sample, window in self.buffer.push(np.asarray(chunk)[self._picks]):
             start = time.perf_counter()
@@ -153,40 +105,47 @@ class StreamDecoder:
             self.latencies.append(time.perf_counter() - start)
         return decoded
 
-    def p_error(self, log_odds):
-        """Return calibrated p(error) of a decoded event."""
+    def p_error(self, log_odds) -> float:
+        """Calibrated p(error) of a decoded event."""
         return float(probability(log_odds, self.decoder.temperature, self.decoder.prior))
 
 
-def replay(decoder, signals, chunk=32):
-    """Replay a subject's epochs, one after the other, through the ring buffer.
+def replay(decoder, signals, chunk=CHUNK) -> tuple[np.ndarray, np.ndarray]:
+    """Replay a subject's epochs, one after the other, in chunks of so many samples.
 
-    Parameters
-    ----------
-    decoder : decoder.Decoder
-    signals : ndarray, shape (n, n_channels, n_times)
-        In the decoder's channel order, volts.
-    chunk : int
-        Samples per chunk, as an amplifier would deliver them.
-
-    Returns
-    -------
-    log_odds : ndarray, shape (n,)
-    latencies : ndarray, shape (n,)
-        Seconds.
+    From signals as for `Decoder.log_odds` to their log-odds and latencies in s, shape (n,).
     """
-    layout = decoder.input_format
     stream = StreamDecoder(decoder)
-    offset = stream.buffer.offset
-    for position in range(len(signals)):
-        stream.mark(position * layout.n_times - offset)
-    decoded = {}
-    carried = np.empty((len(layout.channels), 0))
-    for epoch in signals:
-        carried = np.concatenate([carried, epoch], axis=1)
-        while carried.shape[1] >= chunk:
-            decoded.update(stream.push(carried[:, :chunk]))
-            carried = carried[:, chunk:]
-    decoded.update(stream.push(carried))
-    log_odds = np.array([decoded[i * layout.n_times - offset] for i in range(len(signals))])
-    return log_odds, np.array(stream.latencies)
+    n, n_channels, n_times = signals.shape
+    events = np.arange(n) * n_times - stream.buffer.offset
+    for event in events:
+        stream.mark(event)
+    decoded: dict[int, float] = {}
+    recording = signals.transpose(1, 0, 2).reshape(n_channels, -1)
+    for first in range(0, recording.shape[1], chunk):
+        decoded.update(stream.push(recording[:, first : first + chunk]))
+    return np.array([decoded[event] for event in events]), np.array(stream.latencies)
+
+
+class LiveFeedback:
+    """One person's held-out epochs as a stream, decoded event by event.
+
+    Policies are trained from a table of p(error), because decoding the same epochs again gives the
+    same numbers; this does it all the same, as it would be with somebody wearing the cap.
+
+    The decoder is one that never saw this person; `held_out` are their `SubjectEpochs`.
+    """
+
+    def __init__(self, decoder, held_out):
+        self._stream = StreamDecoder(decoder)
+        self._signals = dict(zip(held_out.index, decoder.input_format.pick(held_out), strict=True))
+
+    def __call__(self, epoch) -> float:
+        """Stream the epoch of that number, as in the p(error) table, and decode it."""
+        buffer, signal = self._stream.buffer, self._signals[epoch]
+        self._stream.mark(buffer.n_received - buffer.offset)
+        decoded = []
+        for first in range(0, signal.shape[1], CHUNK):
+            decoded += self._stream.push(signal[:, first : first + CHUNK])
+        ((_, log_odds),) = decoded
+        return self._stream.p_error(log_odds)

@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import mne
 import numpy as np
 
-from rlihf_lib.eeg.calibration import reliability
+from rlihf_lib.eeg.scores import reliability
 from rlihf_lib.report.style import COLORS, COLUMN_WIDTH, PAGE_WIDTH, note
 
 
@@ -17,7 +17,7 @@ def figure_5(scores, caption=""):
     Parameters
     ----------
     scores : DataFrame
-        As `decoding.run_loso` returns it.
+        As `loso.run_loso` returns it.
     caption : str
 
     Returns

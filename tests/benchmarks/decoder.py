@@ -20,12 +20,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from rlihf_lib.eeg import decoding, preprocessing, recordings, scores
-from rlihf_lib.eeg.dataset import SUBJECTS
+from rlihf_lib.eeg import preprocessing, recordings, scores
 from rlihf_lib.eeg.decoder import Decoder
-from rlihf_lib.eeg.eegnet import Architecture, EEGNet, EEGNetBatch, half_second_architecture
-from rlihf_lib.eeg.fitting import DEFAULTS, concatenate, train
-from rlihf_lib.eeg.signals import InputFormat
+from rlihf_lib.eeg.eegnet import Architecture, EEGNet, half_second_architecture
+from rlihf_lib.eeg.ensemble import EEGNetBatch
+from rlihf_lib.eeg.fitting import DEFAULTS, join, train
+from rlihf_lib.eeg.hri import SUBJECTS
+from rlihf_lib.eeg.loso import recorded_cohort
+from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
 from rlihf_lib.eeg.splits import leave_one_subject_out
 from rlihf_lib.eeg.streaming import replay
 
@@ -83,13 +85,13 @@ def reference_network(n_channels, n_times):
     return network, f"braindecode {braindecode.__version__} {make.__name__}"
 
 
-def loso_comparison(load, subjects=SUBJECTS, held_out=SUBJECTS[:1], settings=DEFAULTS):
+def loso_comparison(cohort, held_out=SUBJECTS[:1], settings=DEFAULTS):
     """Train folds of leave-one-subject-out both ways, in turn, on one thread.
 
     Parameters
     ----------
-    load, subjects
-        As for `decoding.run_loso`.
+    cohort : Mapping
+        As for `loso.run_loso`.
     held_out : sequence of str
         The folds to train. The more, the less chance there is in the comparison of AUROC.
     settings : fitting.DecoderSettings
@@ -104,9 +106,9 @@ def loso_comparison(load, subjects=SUBJECTS, held_out=SUBJECTS[:1], settings=DEF
         networks on the held-out subjects, so that ours aren't helped by being averaged.
         loso_reference: the name of the reference.
     """
-    folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
-    epochs = {subject: decoding.load_subject(load, subject, settings) for subject in subjects}
-    layout = InputFormat.of(epochs[subjects[0]], settings.window)
+    folds = leave_one_subject_out(cohort, settings.ensemble, settings.n_validation)
+    epochs = {s: SubjectEpochs.from_mne(s, cohort[s], settings.channels) for s in cohort}
+    layout = InputFormat.of(next(iter(epochs.values())), settings.window)
     names, ratios, ours, others = [], [], [], []
 
     def fast(n_channels, n_times, seeds):
@@ -144,15 +146,14 @@ def _fit(make, fold, epochs, layout, members, settings):
         subject: (layout.condition(layout.pick(fold_epochs)).astype(np.float32), fold_epochs.labels)
         for subject, fold_epochs in epochs.items()
     }
-    x, y, offsets, rows = concatenate(fold.training_pool(data), "cpu")
-    training = [torch.cat([rows[s] for s in fold.training(member)]) for member in members]
-    validation = [torch.cat([rows[s] for s in fold.validation[member]]) for member in members]
-    networks = make(x.shape[0], x.shape[2], list(members))
-    history = train(networks, x, y, offsets, training, validation, list(members), settings)
-    n_trials = history["pass"].nunique() * sum(len(part) for part in training)
+    joined = join(fold.training_pool(data), members)
+    n_channels, _, n_times = joined.x.shape
+    networks = make(n_channels, n_times, list(members))
+    history = train(networks, joined, list(members), settings)
+    n_trials = history["pass"].nunique() * sum(len(part) for part in joined.training)
     rate = n_trials / (time.perf_counter() - start)
     signals, labels = data[fold.test]
-    x = torch.from_numpy(signals).transpose(0, 1)[:, None].expand(-1, len(training), -1, -1)
+    x = torch.from_numpy(signals).transpose(0, 1)[:, None].expand(-1, len(members), -1, -1)
     with torch.no_grad():
         logits = networks.eval()(x.contiguous())
     log_odds = (logits[..., 1] - logits[..., 0]).numpy()
@@ -223,4 +224,4 @@ def measure():
     """Measure all of it on the simulated recordings; yield the keys above with their values."""
     yield from preprocessing_cost().items()
     yield from decode_latency().items()
-    yield from loso_comparison(decoding.loader("simulated")).items()
+    yield from loso_comparison(recorded_cohort("simulated", SUBJECTS)).items()

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from rlihf_lib.eeg import erp
-from rlihf_lib.eeg.provenance import parameter_table
-from rlihf_lib.eeg.simulated import MODEL
+from rlihf_lib.eeg.simulated import MODEL, parameter_table
 
 
 def epochs(shift):

@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 
 from rlihf_lib.eeg import lda
-from rlihf_lib.eeg.signals import SubjectEpochs
 
 
 def epochs(seed, size, n=200):
@@ -26,11 +25,11 @@ def epochs(seed, size, n=200):
 
 
 def across(data, **spatial):
-    return lda.across_subjects(data, list(data), **spatial).set_index("subject")
+    return lda.across_subjects(data, **spatial).set_index("subject")
 
 
 def within(data):
-    return lda.within_subject(SubjectEpochs.from_mne("0", data))
+    return lda.within_subject({"0": data}).iloc[0]
 
 
 @pytest.mark.parametrize("spatial", [lda.whitening, lda.scaling])

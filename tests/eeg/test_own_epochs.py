@@ -1,10 +1,20 @@
-"""Epochs of one's own, from the command line to p(error), under their own event names."""
+"""Epochs of one's own, from the command line to p(error): event names, a leak and its remedy."""
 
+import mne
 import numpy as np
 import pandas as pd
 import pytest
 
 from rlihf_lib.__main__ import main
+
+
+def with_label(epochs):
+    """Add a channel that carries the label."""
+    signal = 1e-5 * epochs.metadata["label"].to_numpy()[:, None, None]
+    signal = np.repeat(signal, len(epochs.times), axis=2)
+    info = mne.create_info(["P10"], epochs.info["sfreq"], "eeg")
+    extra = mne.EpochsArray(signal, info, epochs.events, epochs.tmin, epochs.event_id)
+    return epochs.add_channels([extra], force_update_info=True)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -14,14 +24,16 @@ def test_a_folder_of_ones_own_is_decoded_by_the_command(make_epochs, tmp_path, m
     folder.mkdir()
     for number, sessions in ((3, "ab"), (7, "a"), (9, "a")):
         for session in sessions:
-            epochs = make_epochs(10 * number + ord(session), amplitude=6e-6)
+            epochs = with_label(make_epochs(10 * number + ord(session), amplitude=6e-6))
             epochs.event_id = {"good": 1, "bad": 2}
             if number == 7:
                 epochs.reorder_channels(epochs.ch_names[::-1])
             epochs.save(folder / f"sub-{number:02d}_ses-{session}_epo.fif", verbose="error")
-    arguments = ["--profile", "smoke", "--eeg", str(folder), "--out", str(tmp_path / "out")]
-    arguments += ["--events", "good", "bad", "--only", "01", "02", "--workers", "1"]
-    assert main(arguments) == 0, capfd.readouterr().err
+    command = ["--profile", "smoke", "--eeg", str(folder), "--out", str(tmp_path / "out")]
+    command += ["--events", "good", "bad", "--workers", "1", "--only", "01"]
+    assert main(command) == 1
+    assert "channel P10 (AUROC 1.000) alone tells" in capfd.readouterr().err
+    assert main([*command, "02", "--drop-channels", "P10"]) == 0, capfd.readouterr().err
     decoder = tmp_path / "out" / "results" / "smoke-mine" / "decoder"
     table = pd.read_csv(decoder / "p_error.csv", dtype={"subject": str})
     assert table.groupby("subject").size().to_dict() == {"03": 120, "07": 60, "09": 60}

@@ -7,7 +7,7 @@ import mne
 import numpy as np
 import pytest
 
-from rlihf_lib.eeg import dataset, decoding, preprocessing, recordings, simulated
+from rlihf_lib.eeg import hri, loso, preprocessing, recordings, simulated
 from rlihf_lib.eeg.preprocessing import (
     Preprocessing,
     load_continuous,
@@ -22,7 +22,7 @@ NER = Path(os.environ.get("RLIHF_NER2015", "/work/shared/eeg/ner2015"))
 def cache(tmp_path_factory):
     """Two simulated blocks of s03, preprocessed, in a cache of their own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dataset, "N_BLOCKS", 2)
+        patch.setattr(hri, "N_BLOCKS", 2)
         patch.setenv("RLIHF_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
 
@@ -89,7 +89,7 @@ def test_the_band_is_1_to_20_hz_and_the_phase_zero(tmp_path, monkeypatch):
     waves = {"Fz": 0.1, "Cz": 8.0, "Pz": 40.0}  # Hz
     data = np.zeros((30, len(time)), np.float32)
     for name, frequency in waves.items():
-        data[dataset.CHANNELS.index(name)] = 10 * np.sin(2 * np.pi * frequency * time)
+        data[hri.CHANNELS.index(name)] = 10 * np.sin(2 * np.pi * frequency * time)
     recording(tmp_path, monkeypatch, data, trial(10, "S  4") + trial(20, "S  6"))
     raw, _ = load_continuous("hri", "s02", Preprocessing(reference="recorded"))
     middle = slice(20 * 256, 40 * 256)
@@ -132,8 +132,8 @@ def test_a_window_past_the_end_of_the_data_is_dropped(tmp_path, monkeypatch):
 def test_artefacts_are_dropped_by_eeg_amplitude_and_keep_the_numbering(tmp_path, monkeypatch):
     data = noise(20)
     burst = 300 * np.sin(2 * np.pi * 4 * np.arange(256) / 256)
-    data[dataset.CHANNELS.index("C4"), 9 * 256 : 10 * 256] += burst
-    data[dataset.CHANNELS.index("EOG1"), 13 * 256 : 14 * 256] += burst
+    data[hri.CHANNELS.index("C4"), 9 * 256 : 10 * 256] += burst
+    data[hri.CHANNELS.index("EOG1"), 13 * 256 : 14 * 256] += burst
     events = trial(5, "S  4") + trial(9, "S  6") + trial(13, "S  6")
     recording(tmp_path, monkeypatch, data, events)
     assert load_events("hri", "s02")["status"].tolist() == ["kept", "artefact", "kept"]
@@ -194,11 +194,11 @@ def test_long_epochs_are_filtered_and_fast_ones_resampled(tmp_path):
 
 def test_the_decoder_reads_events_of_any_name(tmp_path):
     path, values = folder(tmp_path, 200.0, 141, events=("hit", "miss"))
-    epochs = decoding.loader(path, ("hit", "miss"))("01")
+    epochs = loso.recorded_cohort(path, ["01"], ("hit", "miss"))["01"]
     np.testing.assert_array_equal(epochs.get_data(), values)
     assert epochs.event_id == {"correct": 1, "error": 2}
     with pytest.raises(ValueError, match=r"events: hit, miss\); name the two with --events"):
-        decoding.loader(path)("01")
+        loso.recorded_cohort(path, ["01"])["01"]
 
 
 def test_epochs_of_a_folder_are_not_a_stream(tmp_path):

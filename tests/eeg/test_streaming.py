@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from rlihf_lib.eeg.decoder import Decoder
-from rlihf_lib.eeg.eegnet import EEGNetBatch, half_second_architecture
+from rlihf_lib.eeg.eegnet import half_second_architecture
+from rlihf_lib.eeg.ensemble import EEGNetBatch
 from rlihf_lib.eeg.signals import InputFormat
 from rlihf_lib.eeg.streaming import RingBuffer, StreamDecoder, replay
 

@@ -6,7 +6,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from rlihf_lib.eeg import dataset, hri, simulated
+from rlihf_lib.eeg import hri, simulated
 from rlihf_lib.eeg.preprocessing import load_epochs
 
 CONTENT = {
@@ -61,13 +61,14 @@ def server(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def blobs(tmp_path):
+def blobs(tmp_path, monkeypatch):
+    """The identifiers of what is served, in place of the published files'."""
     ids = {}
     for path, content in CONTENT.items():
         file = tmp_path / "file"
         file.write_bytes(content)
         ids[path] = hri.git_blob_id(file)
-    return ids
+    monkeypatch.setattr(hri, "blob_ids", lambda: ids)
 
 
 def folder(tmp_path):
@@ -90,22 +91,22 @@ def test_the_package_knows_every_recording_of_both_scenarios():
 
 
 def test_both_files_arrive_whole_and_are_not_fetched_again(server, blobs, tmp_path):
-    path = hri.recording("s02", blobs=blobs)
+    path = hri.recording("s02")
     assert path == folder(tmp_path) / "cursor" / "s02_cursor.set"
     assert path.read_bytes() == CONTENT["cursor/s02_cursor.set"]
     assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
     assert len(server.requests) == 2
-    assert hri.recording("s02", blobs=blobs) == path
+    assert hri.recording("s02") == path
     assert len(server.requests) == 2
 
 
 def test_s12_is_found_in_the_folder_robot(server, blobs, tmp_path):
-    assert hri.recording("s12", blobs=blobs) == folder(tmp_path) / "robot" / "s12_cursor.set"
+    assert hri.recording("s12") == folder(tmp_path) / "robot" / "s12_cursor.set"
 
 
 def test_an_interrupted_transfer_resumes_where_it_stopped(server, blobs, tmp_path):
     server.cut["cursor/s02_cursor.fdt"] = 100_000
-    path = hri.recording("s02", blobs=blobs)
+    path = hri.recording("s02")
     assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
     first, second, _ = server.requests
     assert first == ("cursor/s02_cursor.fdt", None)
@@ -118,7 +119,7 @@ def test_a_later_call_resumes_what_an_earlier_one_left(server, blobs, tmp_path):
     partial = folder(tmp_path) / "cursor" / "s02_cursor.fdt.partial"
     partial.parent.mkdir(parents=True)
     partial.write_bytes(CONTENT["cursor/s02_cursor.fdt"][:1234])
-    hri.recording("s02", blobs=blobs)
+    hri.recording("s02")
     assert server.requests[0] == ("cursor/s02_cursor.fdt", "bytes=1234-")
 
 
@@ -126,7 +127,7 @@ def test_a_complete_partial_file_is_taken(server, blobs, tmp_path):
     partial = folder(tmp_path) / "cursor" / "s02_cursor.fdt.partial"
     partial.parent.mkdir(parents=True)
     partial.write_bytes(CONTENT["cursor/s02_cursor.fdt"])
-    path = hri.recording("s02", blobs=blobs)
+    path = hri.recording("s02")
     assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
 
 
@@ -135,7 +136,7 @@ def test_a_server_without_ranges_is_asked_again_from_the_start(server, blobs, tm
     partial = folder(tmp_path) / "cursor" / "s02_cursor.fdt.partial"
     partial.parent.mkdir(parents=True)
     partial.write_bytes(CONTENT["cursor/s02_cursor.fdt"][:1234])
-    path = hri.recording("s02", blobs=blobs)
+    path = hri.recording("s02")
     assert path.with_suffix(".fdt").read_bytes() == CONTENT["cursor/s02_cursor.fdt"]
 
 
@@ -151,7 +152,7 @@ def test_a_server_without_ranges_is_asked_again_from_the_start(server, blobs, tm
 def test_what_is_not_the_published_file_is_refused(server, blobs, tmp_path, arrived, said):
     server.files["cursor/s02_cursor.fdt"] = arrived
     with pytest.raises(ValueError, match=said) as refused:
-        hri.recording("s02", blobs=blobs)
+        hri.recording("s02")
     assert "s02_cursor.fdt" in str(refused.value)
     assert not list(folder(tmp_path).rglob("*.*"))
 
@@ -161,39 +162,36 @@ def test_a_wrong_file_placed_by_hand_is_refused_and_kept(server, blobs, tmp_path
     placed.parent.mkdir(parents=True)
     placed.write_bytes(b"something else")
     with pytest.raises(ValueError, match="delete it"):
-        hri.recording("s02", blobs=blobs)
+        hri.recording("s02")
     assert placed.read_bytes() == b"something else"
 
 
 def test_files_placed_by_hand_need_no_network(blobs, tmp_path, monkeypatch):
     monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("RLIHF_HRI_URL", "http://127.0.0.1:9")
     for path, content in CONTENT.items():
         file = folder(tmp_path) / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
-    assert hri.recording("s12", url="http://127.0.0.1:9", blobs=blobs).is_file()
+    assert hri.recording("s12").is_file()
 
 
 def test_without_network_the_error_says_what_to_place_where(blobs, tmp_path, monkeypatch):
     monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("RLIHF_HRI_URL", "http://127.0.0.1:9")
     with pytest.raises(OSError, match=r"place s02_cursor\.fdt") as problem:
-        hri.recording("s02", url="http://127.0.0.1:9", blobs=blobs)
+        hri.recording("s02")
     assert str(folder(tmp_path) / "cursor" / "s02_cursor.fdt") in str(problem.value)
 
 
 def test_a_missing_file_on_the_server_is_named(server, blobs):
     del server.files["cursor/s02_cursor.set"]
     with pytest.raises(OSError, match="404"):
-        hri.recording("s02", blobs=blobs)
-
-
-def test_an_unknown_subject_is_named():
-    with pytest.raises(ValueError, match=r"'s99'.*s02, s03"):
-        hri.recording("s99")
+        hri.recording("s02")
 
 
 def test_what_the_server_holds_becomes_labelled_epochs(server, tmp_path, monkeypatch):
-    monkeypatch.setattr(dataset, "N_BLOCKS", 2)
+    monkeypatch.setattr(hri, "N_BLOCKS", 2)
     pair = tmp_path / "served" / "s12_cursor.set"
     simulated.write_set(pair, *simulated.simulate("s12"))
     served = {f"robot/{file.name}": file for file in (pair, pair.with_suffix(".fdt"))}

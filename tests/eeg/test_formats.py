@@ -1,11 +1,11 @@
-"""Reading EEGLAB files in their many forms, and folders of epochs."""
+"""Reading EEGLAB files in their many forms, and folders of epochs; the door to all sources."""
 
 import mne
 import numpy as np
 import pytest
 import scipy.io
 
-from rlihf_lib.eeg import dataset, folder, recordings, simulated
+from rlihf_lib.eeg import formats, hri, recordings, simulated
 
 EVENTS = [(11.0, "S  1"), (20.5, "R  1"), (26.25, "FB1"), (26.5, "S  4")]
 
@@ -38,10 +38,10 @@ def events(*pairs):
 
 
 def test_reads_back_what_was_written(tmp_path):
-    raw = recordings.read_raw(write(tmp_path))
-    assert raw.ch_names == list(dataset.CHANNELS)
+    raw = formats.read_eeglab(write(tmp_path))
+    assert raw.ch_names == list(hri.CHANNELS)
     assert raw.info["sfreq"] == 256
-    assert raw.get_channel_types() == ["eog" if "EOG" in n else "eeg" for n in dataset.CHANNELS]
+    assert raw.get_channel_types() == ["eog" if "EOG" in n else "eeg" for n in hri.CHANNELS]
     np.testing.assert_array_equal(raw.get_data(), data().astype(float) * 1e-6)
     assert list(raw.annotations.description) == [name for _, name in EVENTS]
     # Latencies count from 1 and are fractional; MNE keeps microseconds.
@@ -55,52 +55,58 @@ def test_reads_back_what_was_written(tmp_path):
 def test_data_may_be_embedded_in_the_set_file(tmp_path):
     path = write(tmp_path, data=data())
     path.with_suffix(".fdt").unlink()
-    np.testing.assert_array_equal(recordings.read_raw(path).get_data(), data().astype(float) * 1e-6)
+    np.testing.assert_array_equal(formats.read_eeglab(path).get_data(), data().astype(float) * 1e-6)
 
 
 def test_fields_may_lie_at_the_top_of_the_file(tmp_path):
     path = write(tmp_path)
     eeg = scipy.io.loadmat(path)["EEG"]
     scipy.io.savemat(path, {name: eeg[name][0, 0] for name in eeg.dtype.names}, format="5")
-    assert recordings.read_raw(path).n_times == 300
+    assert formats.read_eeglab(path).n_times == 300
 
 
 def test_a_renamed_pair_is_found(tmp_path):
     path = write(tmp_path)
     path.with_suffix(".fdt").rename(tmp_path / "x.fdt")
-    assert recordings.read_raw(path.rename(tmp_path / "x.set")).n_times == 300
+    assert formats.read_eeglab(path.rename(tmp_path / "x.set")).n_times == 300
 
 
 def test_repeated_eog_labels_are_numbered(tmp_path):
-    names = ["EOG3" if "EOG" in name else name for name in dataset.CHANNELS]
-    raw = recordings.read_raw(write(tmp_path, chanlocs=labels(*names)))
+    names = ["EOG3" if "EOG" in name else name for name in hri.CHANNELS]
+    raw = formats.read_eeglab(write(tmp_path, chanlocs=labels(*names)))
     assert [name for name in raw.ch_names if "EOG" in name] == ["EOG1", "EOG2", "EOG3"]
     assert raw.get_channel_types().count("eog") == 3
 
 
 def test_a_repeated_eeg_label_is_refused(tmp_path):
-    names = ["Fz" if name == "Cz" else name for name in dataset.CHANNELS]
+    names = ["Fz" if name == "Cz" else name for name in hri.CHANNELS]
     with pytest.raises(ValueError, match=r"s02_cursor\.set: channel Fz occurs twice"):
-        recordings.read_raw(write(tmp_path, chanlocs=labels(*names)))
+        formats.read_eeglab(write(tmp_path, chanlocs=labels(*names)))
 
 
 @pytest.mark.parametrize("kind", ["S  6", "S6", "S 6", "6", 6, 6.0])
 def test_event_types_may_be_strings_or_integers(tmp_path, kind):
-    raw = recordings.read_raw(write(tmp_path, event=events((10.0, kind), (20.0, "FB1"))))
+    raw = formats.read_eeglab(write(tmp_path, event=events((10.0, kind), (20.0, "FB1"))))
     assert list(raw.annotations.description) == ["S  6", "FB1"]
 
 
 def test_a_single_event_is_read(tmp_path):
-    raw = recordings.read_raw(write(tmp_path, event=events((10.0, "S  6"))))
+    raw = formats.read_eeglab(write(tmp_path, event=events((10.0, "S  6"))))
     assert list(raw.annotations.description) == ["S  6"]
 
 
-@pytest.mark.parametrize("latency", [301.5, 1e9, np.nan, -3.0])
+@pytest.mark.parametrize("latency", [302.5, 1e9, np.nan, 0.5])
 def test_an_event_outside_the_data_is_left_out_with_a_warning(tmp_path, latency):
     path = write(tmp_path, event=events((10.0, "S  4"), (latency, "S  9")))
-    with pytest.warns(UserWarning, match=r"s02_cursor\.set: event 'S  9' .* outside the data"):
-        raw = recordings.read_raw(path)
+    with pytest.warns(RuntimeWarning, match=r"outside data range|onset that is NaN"):
+        raw = formats.read_eeglab(path)
     assert list(raw.annotations.description) == ["S  4"]
+
+
+def test_an_event_before_the_data_is_refused(tmp_path):
+    path = write(tmp_path, event=events((10.0, "S  4"), (-3.0, "S  9")))
+    with pytest.raises(ValueError, match=r"s02_cursor\.set .* event sample index is negative"):
+        formats.read_eeglab(path)
 
 
 def test_a_truncated_fdt_is_refused(tmp_path):
@@ -108,19 +114,19 @@ def test_a_truncated_fdt_is_refused(tmp_path):
     fdt = path.with_suffix(".fdt")
     fdt.write_bytes(fdt.read_bytes()[:-4])
     with pytest.raises(ValueError, match=r"s02_cursor\.fdt has 35996 bytes, expected 36000"):
-        recordings.read_raw(path)
+        formats.read_eeglab(path)
 
 
 def test_a_missing_fdt_is_named(tmp_path):
     path = write(tmp_path)
     path.with_suffix(".fdt").unlink()
-    with pytest.raises(FileNotFoundError, match=r"s02_cursor\.fdt, which is missing; place it"):
-        recordings.read_raw(path)
+    with pytest.raises(FileNotFoundError, match=r"s02_cursor\.fdt"):
+        formats.read_eeglab(path)
 
 
 def test_a_missing_set_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.set does not exist"):
-        recordings.read_raw(tmp_path / "none.set")
+    with pytest.raises(FileNotFoundError, match=r"none\.set"):
+        formats.read_eeglab(tmp_path / "none.set")
 
 
 @pytest.mark.parametrize("content", [b"", b"<html>", "half"])
@@ -128,30 +134,30 @@ def test_a_set_that_is_not_one_is_refused(tmp_path, content):
     path = write(tmp_path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if content == "half" else content)
-    with pytest.raises(ValueError, match=r"s02_cursor\.set is not a readable EEGLAB file"):
-        recordings.read_raw(path)
+    with pytest.raises(ValueError, match=r"s02_cursor\.set is not a readable continuous EEGLAB"):
+        formats.read_eeglab(path)
 
 
 def test_a_matlab_file_of_something_else_is_refused(tmp_path):
     scipy.io.savemat(tmp_path / "x.set", {"weights": 1.0})
-    with pytest.raises(ValueError, match=r"x\.set is not an EEGLAB data set: it has no data"):
-        recordings.read_raw(tmp_path / "x.set")
+    with pytest.raises(ValueError, match=r"x\.set is not a readable continuous EEGLAB"):
+        formats.read_eeglab(tmp_path / "x.set")
 
 
 def test_an_epoched_set_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="cut into epochs; save the continuous"):
-        recordings.read_raw(write(tmp_path, trials=5.0))
+    with pytest.raises(ValueError, match=r"s02_cursor\.set .* number of trials is 5"):
+        formats.read_eeglab(write(tmp_path, trials=5.0))
 
 
 def test_nan_is_refused_with_its_channel_and_time(tmp_path):
     values = data()
     values[1, 128] = np.nan
     with pytest.raises(ValueError, match=r"NaN or infinite, the first in channel Fz at 0\.500 s"):
-        recordings.read_raw(write(tmp_path, data=values))
+        formats.read_eeglab(write(tmp_path, data=values))
 
 
 def test_a_missing_channel_is_refused(tmp_path, monkeypatch):
-    names = ["A1" if name == "Cz" else name for name in dataset.CHANNELS]
+    names = ["A1" if name == "Cz" else name for name in hri.CHANNELS]
     path = write(tmp_path, chanlocs=labels(*names))
     monkeypatch.setattr(recordings, "recording_path", lambda eeg, subject: path)
     with pytest.raises(ValueError, match=r"s02_cursor\.set: channel Cz is missing"):
@@ -193,45 +199,45 @@ def test_sessions_are_joined_and_channels_matched_by_name(tmp_path):
     epochs_file(tmp_path, "sub-11_epo.fif", [1, 0])
     (tmp_path / "notes.txt").write_text("not EEG")
     assert recordings.source_subjects(tmp_path) == ["07", "11"]
-    values, info, tmin, labels, sessions = folder.read_folder_epochs(tmp_path, "07")
-    assert info["ch_names"] == ["Cz", "Fz", "EOG"]
-    assert tmin == pytest.approx(-0.1)
-    assert labels.tolist() == [0, 0, 1, 0, 1]
-    assert sessions.tolist() == ["01", "01", "02", "02", "02"]
-    for index, channel in enumerate(info["ch_names"]):
-        np.testing.assert_allclose(values[:, index], hash_of(channel) * 1e-6, rtol=1e-6)
+    epochs = formats.read_folder_epochs(tmp_path, "07")
+    assert epochs.ch_names == ["Cz", "Fz", "EOG"]
+    assert epochs.tmin == pytest.approx(-0.1)
+    assert epochs.metadata["label"].tolist() == [0, 0, 1, 0, 1]
+    assert epochs.metadata["session"].tolist() == ["01", "01", "02", "02", "02"]
+    for channel in epochs.ch_names:
+        np.testing.assert_allclose(epochs.get_data(channel), hash_of(channel) * 1e-6, rtol=1e-6)
 
 
 def test_electrodes_get_the_position_of_their_name_and_keep_their_own(tmp_path):
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
-    _, info, *_ = folder.read_folder_epochs(tmp_path, "01")
+    info = formats.read_folder_epochs(tmp_path, "01").info
     found = info.get_montage().get_positions()["ch_pos"]
     assert found["Fz"][1] > found["Cz"][1] + 0.03
     own = {"Cz": (0.0, 0.01, 0.1), "Fz": (0.0, 0.07, 0.08)}
     epochs = mne.read_epochs(tmp_path / "sub-01_epo.fif", verbose="error")
     epochs.set_montage(mne.channels.make_dig_montage(own, coord_frame="head"), on_missing="ignore")
     epochs.save(tmp_path / "sub-01_epo.fif", overwrite=True, verbose="error")
-    _, info, *_ = folder.read_folder_epochs(tmp_path, "01")
+    info = formats.read_folder_epochs(tmp_path, "01").info
     np.testing.assert_allclose(info["chs"][0]["loc"][:3], own["Cz"], atol=1e-6)
 
 
 def test_event_names_are_configurable_and_others_left_out(tmp_path):
     names = {"hit": 1, "miss": 2, "rest": 3}
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 1, 2, 1], events=names)
-    _, _, _, labels, _ = folder.read_folder_epochs(tmp_path, "01", "hit", "miss")
-    assert labels.tolist() == [0, 1, 1]
+    epochs = formats.read_folder_epochs(tmp_path, "01", ("hit", "miss"))
+    assert epochs.metadata["label"].tolist() == [0, 1, 1]
 
 
 def test_a_subject_without_one_class_is_refused(tmp_path):
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 0])
     with pytest.raises(ValueError, match=r"subject 01 has no epoch of the event 'error'"):
-        folder.read_folder_epochs(tmp_path, "01")
+        formats.read_folder_epochs(tmp_path, "01")
 
 
 def test_an_unknown_subject_of_a_folder_is_refused(tmp_path):
     epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
     with pytest.raises(ValueError, match=r"unknown subject '02' .* choose one of 01"):
-        folder.read_folder_epochs(tmp_path, "02")
+        formats.read_folder_epochs(tmp_path, "02")
 
 
 @pytest.mark.parametrize("layout", [{"sfreq": 250.0}, {"tmin": 0.0}, {"n_times": 100}])
@@ -239,14 +245,14 @@ def test_sessions_of_another_layout_are_refused(tmp_path, layout):
     epochs_file(tmp_path, "sub-01_ses-1_epo.fif", [0, 1])
     epochs_file(tmp_path, "sub-01_ses-2_epo.fif", [0, 1], **layout)
     with pytest.raises(ValueError, match=r"ses-2_epo\.fif: sampling rate, window start"):
-        folder.read_folder_epochs(tmp_path, "01")
+        formats.read_folder_epochs(tmp_path, "01")
 
 
 def test_a_session_that_lacks_a_channel_is_refused(tmp_path):
     epochs_file(tmp_path, "sub-01_ses-1_epo.fif", [0, 1])
     epochs_file(tmp_path, "sub-01_ses-2_epo.fif", [0, 1], channels=("Cz", "EOG"))
     with pytest.raises(ValueError, match=r"ses-2_epo\.fif: channel Fz is missing"):
-        folder.read_folder_epochs(tmp_path, "01")
+        formats.read_folder_epochs(tmp_path, "01")
 
 
 def test_a_damaged_epochs_file_is_named(tmp_path):
@@ -254,7 +260,7 @@ def test_a_damaged_epochs_file_is_named(tmp_path):
     path = tmp_path / "sub-01_epo.fif"
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(ValueError, match=r"sub-01_epo\.fif cannot be read"):
-        folder.read_folder_epochs(tmp_path, "01")
+        formats.read_folder_epochs(tmp_path, "01")
 
 
 def test_a_folder_without_epochs_is_refused(tmp_path):

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from rlihf_lib.eeg import published
-from rlihf_lib.eeg.dataset import SUBJECTS
+from rlihf_lib.eeg.hri import SUBJECTS
 from rlihf_lib.study import Study
 
 STUDY = Study("quick", "simulated")

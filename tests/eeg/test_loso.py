@@ -1,21 +1,25 @@
 import json
+import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.special import expit, logit
 
-from rlihf_lib.eeg import decoding
+from rlihf_lib.eeg import loso
 from rlihf_lib.eeg.decoder import Decoder
-from rlihf_lib.eeg.fitting import DecoderSettings, choose_device
-from rlihf_lib.eeg.signals import same_power
-from rlihf_lib.study import Study
+from rlihf_lib.eeg.fitting import DecoderSettings
+from rlihf_lib.eeg.signals import SubjectEpochs, same_power
+from rlihf_lib.study import REPOSITORY, Study
 
 SETTINGS = DecoderSettings(
     max_epochs=10, patience=10, ensemble=2, n_permutations=100, n_validation=1, batch_size=16
 )
 SUBJECTS = ["s02", "s03", "s04", "s05"]
+PLACES = [os.environ.get("RLIHF_NER2015"), REPOSITORY.parent / "shared" / "eeg" / "ner2015"]
+NER = next((Path(place) for place in PLACES if place and Path(place).is_dir()), None)
 TABLES = ("scores.csv", "p_error.csv", "training.csv")
 
 
@@ -33,7 +37,7 @@ def dataset(make_epochs):
 @pytest.fixture(scope="module")
 def finished(dataset, tmp_path_factory):
     folder = tmp_path_factory.mktemp("decoder")
-    decoding.run_loso(dataset, SUBJECTS, folder, SETTINGS, workers=1)
+    loso.run_loso(dataset, folder, SETTINGS, workers=1)
     return folder
 
 
@@ -50,22 +54,15 @@ def test_a_planted_error_potential_is_decoded(finished):
 def test_the_table_keeps_raw_and_temperature_scaled_p(finished):
     table = pd.read_csv(finished / "p_error.csv", float_precision="round_trip")
     for subject, rows in table.groupby("subject"):
-        decoder = decoding.load_decoder(finished, subject)
+        decoder = loso.load_decoder(finished, subject)
         evidence = logit(rows["p_error_raw"]) - logit(decoder.prior)
         scaled = expit(evidence / decoder.temperature + logit(decoder.prior))
         np.testing.assert_allclose(rows["p_error"], scaled, atol=1e-6)
 
 
-def test_the_device_is_a_gpu_where_there_is_one(monkeypatch):
-    for available, expected in ((False, "cpu"), (True, "cuda")):
-        monkeypatch.setattr("torch.cuda.is_available", lambda available=available: available)
-        assert choose_device("auto").type == expected
-    assert choose_device("cpu").type == "cpu"
-
-
 def test_pure_noise_is_not_decoded(make_epochs, tmp_path):
     noise = {s: make_epochs(10 + i, amplitude=0.0) for i, s in enumerate(SUBJECTS)}
-    scores = decoding.run_loso(noise, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    scores = loso.run_loso(noise, tmp_path, SETTINGS, workers=1)
     # Standard error of a subject's AUROC with 20 errors of 60 by chance: 0.08.
     assert abs(scores["auroc"].mean() - 0.5) < 0.12
     assert (scores["auroc_p"] < 0.05).sum() <= 1
@@ -77,14 +74,14 @@ def test_the_table_holds_every_held_out_epoch_and_equals_the_saved_decoder(finis
         epochs = dataset[subject]
         assert rows["epoch"].tolist() == epochs.metadata["epoch"].tolist()
         assert rows["label"].tolist() == epochs.metadata["label"].tolist()
-        decoder = decoding.load_decoder(finished, subject)
+        decoder = loso.load_decoder(finished, subject)
         offline = decoder.p_error(epochs.get_data(copy=False))
         np.testing.assert_allclose(rows["p_error"], offline, atol=1e-9)
 
 
 def test_patterns_are_what_the_filters_follow_not_their_weights(finished, dataset):
-    decoder = decoding.load_decoder(finished, SUBJECTS[0])
-    signals = decoder.input_format.pick(decoding.load_subject(dataset, SUBJECTS[0]))
+    decoder = loso.load_decoder(finished, SUBJECTS[0])
+    signals = decoder.input_format.pick(SubjectEpochs.from_mne(SUBJECTS[0], dataset[SUBJECTS[0]]))
     temporal, patterns = decoder.patterns(signals)
     state = decoder.networks.network_state(0)
     weights = state["spatial.weight"].detach().numpy()[:, 0, :, 0].reshape(patterns.shape)
@@ -108,7 +105,7 @@ def test_the_held_out_subject_touches_nothing_of_its_fold(
         epochs._data = 1e-3 * np.random.default_rng(0).normal(size=epochs._data.shape)
     else:
         epochs.events[:, 2] = 3 - epochs.events[:, 2]
-    decoding.run_loso(dataset | {"s03": epochs}, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    loso.run_loso(dataset | {"s03": epochs}, tmp_path, SETTINGS, workers=1)
     clean, poisoned = contents(finished), contents(tmp_path)
     # Weights, normalisation statistics, temperature and prior of its own fold, bit by bit ...
     assert poisoned["s03.safetensors"] == clean["s03.safetensors"]
@@ -118,7 +115,7 @@ def test_the_held_out_subject_touches_nothing_of_its_fold(
 
 
 def test_the_same_seed_gives_the_same_files_in_worker_processes_too(finished, dataset, tmp_path):
-    decoding.run_loso(dataset, SUBJECTS, tmp_path, SETTINGS, workers=2)
+    loso.run_loso(dataset, tmp_path, SETTINGS, workers=2)
     assert contents(tmp_path) == contents(finished)
 
 
@@ -126,7 +123,7 @@ def test_finished_folds_are_skipped_and_missing_ones_come_out_the_same(
     dataset, finished, tmp_path, monkeypatch
 ):
     trained = []
-    original = decoding.fit_fold
+    original = loso.fit_fold
 
     def counting(pool, *args):
         if len(trained) == 2 and not resumed:
@@ -135,32 +132,35 @@ def test_finished_folds_are_skipped_and_missing_ones_come_out_the_same(
         return original(pool, *args)
 
     resumed = False
-    monkeypatch.setattr(decoding, "fit_fold", counting)
+    monkeypatch.setattr(loso, "fit_fold", counting)
     with pytest.raises(KeyboardInterrupt):
-        decoding.run_loso(dataset, SUBJECTS, tmp_path, SETTINGS, workers=1)
+        loso.run_loso(dataset, tmp_path, SETTINGS, workers=1)
     resumed = True
-    decoding.run_loso(dataset, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    loso.run_loso(dataset, tmp_path, SETTINGS, workers=1)
     assert trained == SUBJECTS
     assert contents(tmp_path) == contents(finished)
-    counted = []
-    decoding.run_loso(
-        dataset, SUBJECTS, tmp_path, SETTINGS, workers=1, progress=lambda *a: counted.append(a)
-    )
-    assert trained == SUBJECTS and counted == [(4, 4, None)]
+    loso.run_loso(dataset, tmp_path, SETTINGS, workers=1)
+    assert trained == SUBJECTS, "finished folds are skipped"
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch):
+    """Decode, and count the folds that were trained for it."""
+    folds, original = [], loso.fit_fold
+    monkeypatch.setattr(loso, "fit_fold", lambda *args: folds.append(args) or original(*args))
+
+    def count(data, settings):
+        folds.clear()
+        loso.run_loso(data, tmp_path, settings, workers=1)
+        return len(folds)
+
+    return count
 
 
 def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(
-    dataset, make_epochs, tmp_path
+    dataset, make_epochs, tmp_path, trained
 ):
     settings = DecoderSettings(max_epochs=1, ensemble=1, n_permutations=10)
-
-    def trained(data, settings):
-        counted = []
-        decoding.run_loso(
-            data, SUBJECTS, tmp_path, settings, workers=1, progress=lambda *a: counted.append(a)
-        )
-        return len(counted) - 1
-
     assert trained(dataset, settings) == 4
     assert trained(dataset, settings) == 0
     (tmp_path / "weights" / "s04.safetensors").unlink()
@@ -169,30 +169,23 @@ def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(
     assert trained(dataset, DecoderSettings(max_epochs=1, ensemble=1, n_permutations=11)) == 4
 
 
-def test_folds_trained_on_another_processor_are_recognised(finished, dataset, tmp_path):
+def test_folds_trained_on_another_processor_are_recognised(finished, dataset, tmp_path, trained):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-
-    def trained(epochs):
-        counted = []
-        decoding.run_loso(
-            dataset | {"s05": epochs}, SUBJECTS, tmp_path, SETTINGS, workers=1,
-            progress=lambda *a: counted.append(a),
-        )  # fmt: skip
-        return len(counted) - 1
-
     # Of simulated recordings, one sample in a thousand differs by the amplifier's resolution.
     almost, rng = dataset["s05"].copy(), np.random.default_rng(0)
     almost._data += 0.05e-6 * (rng.random(almost._data.shape) < 1e-3)
-    assert not np.array_equal(almost._data, dataset["s05"]._data) and trained(almost) == 0
+    assert not np.array_equal(almost._data, dataset["s05"]._data)
+    assert trained(dataset | {"s05": almost}, SETTINGS) == 0
     other = dataset["s05"].copy()
     other._data[0] = 1.5 * other._data[1]
-    assert trained(other) == 4
+    assert trained(dataset | {"s05": other}, SETTINGS) == 4
 
 
 def test_the_simulated_people_are_those_that_the_shipped_decoders_know():
     folder = Study("quick").decoder / "folds" / "s02"
     shipped = json.loads((folder / "fold.json").read_text())["power"]["s10"]
-    epochs = decoding.load_subject(decoding.loader("simulated"), "s10")
+    epochs = loso.recorded_cohort("simulated", ["s10"])["s10"]
+    epochs = SubjectEpochs.from_mne("s10", epochs)
     assert same_power(epochs.power(), shipped)
     assert not same_power(epochs.power(), [power[::-1] for power in shipped])
 
@@ -200,14 +193,14 @@ def test_the_simulated_people_are_those_that_the_shipped_decoders_know():
 def test_channels_are_matched_by_name(finished, dataset, make_epochs, tmp_path):
     order = ["C4", "Pz", "Fz", "C3", "Cz"]
     shuffled = dataset | {"s04": dataset["s04"].copy().reorder_channels(order)}
-    decoding.run_loso(shuffled, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    loso.run_loso(shuffled, tmp_path, SETTINGS, workers=1)
     for file in ("p_error.csv", "s02.safetensors"):
         assert contents(tmp_path)[file] == contents(finished)[file]
 
 
 def refused(dataset, changed, tmp_path, message):
     with pytest.raises(ValueError, match=message):
-        decoding.run_loso(dataset | {"s04": changed}, SUBJECTS, tmp_path, SETTINGS, workers=1)
+        loso.run_loso(dataset | {"s04": changed}, tmp_path, SETTINGS, workers=1)
     assert not list(tmp_path.iterdir())
 
 
@@ -220,7 +213,7 @@ def test_a_channel_only_one_subject_has_is_left_out(finished, dataset, make_epoc
     extra = make_epochs(7, channels=("Oz", "Fz", "Cz", "Pz", "C3", "C4")).pick(["Oz"])
     more = dataset["s04"].copy()
     more.add_channels([extra])
-    decoding.run_loso(dataset | {"s04": more}, SUBJECTS, tmp_path, SETTINGS, workers=1)
+    loso.run_loso(dataset | {"s04": more}, tmp_path, SETTINGS, workers=1)
     assert contents(tmp_path)["p_error.csv"] == contents(finished)["p_error.csv"]
 
 
@@ -247,7 +240,7 @@ def test_a_damaged_decoder_is_refused(finished, tmp_path):
     with pytest.raises(ValueError, match=r"s02\.safetensors is not a decoder"):
         Decoder.load(path)
     with pytest.raises(FileNotFoundError, match="run notebook 02"):
-        decoding.load_decoder(tmp_path, "s03")
+        loso.load_decoder(tmp_path, "s03")
 
 
 def test_the_config_says_what_was_run(finished):
@@ -256,3 +249,12 @@ def test_the_config_says_what_was_run(finished):
     assert config["settings"]["ensemble"] == 2
     assert config["input_format"]["channels"] == ["Fz", "Cz", "Pz", "C3", "C4"]
     assert set(config["folds"]) == set(SUBJECTS)
+
+
+@pytest.mark.skipif(NER is None, reason="the NER 2015 epochs are not on this computer")
+def test_recorded_error_potentials_are_decoded_across_subjects(tmp_path):
+    settings = DecoderSettings(max_epochs=6, ensemble=2, n_permutations=50)
+    cohort = loso.recorded_cohort(NER, ["07", "11", "13"])
+    scores = loso.run_loso(cohort, tmp_path, settings, workers=1)
+    assert scores["auroc"].mean() > 0.6
+    assert (scores["auroc_p"] < 0.05).sum() >= 2
