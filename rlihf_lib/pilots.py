@@ -14,7 +14,8 @@ from rlihf_lib.files import write_csv
 from rlihf_lib.regenerate import worker_count
 from rlihf_lib.report.evaluations import add_phase, read_runs
 from rlihf_lib.report.figures_policy import learning_curve, mark_phases
-from rlihf_lib.report.style import PAGE_WIDTH, color, label, note, save_figure, shades, use_style
+from rlihf_lib.report.saving import save_figure
+from rlihf_lib.report.style import PAGE_WIDTH, color, label, shades, use_style
 from rlihf_lib.rl.config import RunConfig, SACSettings
 from rlihf_lib.rl.sweep import is_done, run_sweep
 from rlihf_lib.study import Study
@@ -67,12 +68,12 @@ def run_configs(study):
 
 def summary(runs):
     """Average each run over the last third of training: a row per run."""
-    late = add_phase(runs, STEPS).query("phase == 'Late'")
+    late = add_phase(runs).query("phase == 'Late'")
     keys = ["group", "subject", "run"]
     return late.groupby(keys)[list(COLUMNS)].mean().round(3).reset_index()
 
 
-def learning_curves(runs, scores, caption):
+def learning_curves(runs, scores):
     """Draw success rate and completed share of the path: a line per group and subject.
 
     Parameters
@@ -81,7 +82,6 @@ def learning_curves(runs, scores, caption):
         From `report.evaluations.read_runs`.
     scores : DataFrame
         From `Study.scores`; the AUROC of a subject's decoder is told and gives the shade.
-    caption : str
 
     Returns
     -------
@@ -116,7 +116,6 @@ def learning_curves(runs, scores, caption):
         fig.legend(*panels[0].get_legend_handles_labels(), loc=place, title=title)
     for ax in axes[-1]:
         ax.set_xlabel("Steps (thousands)")
-    note(fig, caption)
     return fig
 
 
@@ -139,10 +138,10 @@ def main(argv=None):
     runs = read_runs(done, study.runs)
     write_csv(study.results / "summary.csv", summary(runs))
     use_style()
-    caption = (
-        f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · {study.eeg_label} · w = {study.profile.w_hf} · "
+    says = (
+        f"pilots, seeds {SEEDS[0]} to {SEEDS[-1]} · w = {study.profile.w_hf} · "
         "mean, and thin each run"
     )
-    fig = learning_curves(runs, study.scores(), caption)
-    save_figure(fig, study, "learning_curves", "pilots", [config.run_id for config in done])
+    fig, sources = learning_curves(runs, study.scores()), [config.run_id for config in done]
+    save_figure(fig, study, "learning_curves", "pilots", sources, says)
     return 0

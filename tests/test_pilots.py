@@ -60,7 +60,7 @@ def test_shipped_summary_is_that_of_the_shipped_runs():
 
 def test_learning_curves_show_the_runs_there_are():
     configs = pilots.run_configs(STUDY)
-    fig = pilots.learning_curves(evaluations(configs[:7]), STUDY.scores(), "pilots")
+    fig = pilots.learning_curves(evaluations(configs[:7]), STUDY.scores())
     for ax in fig.axes[:2]:
         assert ax.get_legend_handles_labels()[1] == [
             "RL dense, n = 3", "RLIHF, ideal decoder, n = 3", "RL sparse, n = 1",

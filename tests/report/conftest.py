@@ -7,11 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report.evaluations import group_of, person_of
+from rlihf_lib.report.evaluations import add_phase, group_of, person_of
+from rlihf_lib.report.style import use_style
 from rlihf_lib.rl.config import RunConfig, SACSettings
 from rlihf_lib.study import Study
 
 matplotlib.use("agg")
+use_style()
 
 STEPS = (0, 1000, 2000, 3000)
 LEVEL = {"sparse": 0.0, "dense": 1.0, "rlihf": 0.5}
@@ -77,7 +79,7 @@ def evaluations(configs, people=PEOPLE):
                 }
             )
         )  # fmt: skip
-    return pd.concat(frames, ignore_index=True)
+    return add_phase(pd.concat(frames, ignore_index=True))
 
 
 @pytest.fixture(scope="session")

@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import figures_late, figures_policy, style, tables
+from rlihf_lib.report import figures_late, figures_policy, figures_task, tables
 from rlihf_lib.report.evaluations import load_runs
-from rlihf_lib.report.style import LABELS, color, ordered, save_figure, shades
+from rlihf_lib.report.saving import save_figure
+from rlihf_lib.report.style import LABELS, color, ordered, shades
 from rlihf_lib.rl.replay import Recording
 
 T = 3000
@@ -50,7 +51,7 @@ def test_three_people_have_no_band_however_many_runs(runs):
 
 
 def test_figure_4_has_a_panel_per_person_with_the_auroc_and_one_of_the_mean(runs, scores):
-    fig = figures_policy.figure_4(runs, scores, T)
+    fig = figures_policy.figure_4(runs, scores)
     panels = {ax.get_title(): ax for ax in fig.axes if ax.get_visible()}
     assert len(panels) == 13
     titles = list(panels)
@@ -67,7 +68,7 @@ def test_figure_4_has_a_panel_per_person_with_the_auroc_and_one_of_the_mean(runs
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_figure_4_takes_any_number_of_people(runs, scores, n):
     chosen = runs[runs["subject"].isin(["", *scores["subject"][:n]])]
-    fig = figures_policy.figure_4(chosen, scores, T)
+    fig = figures_policy.figure_4(chosen, scores)
     assert sum(ax.get_visible() for ax in fig.axes) == n + 1
     fig.canvas.draw()
 
@@ -76,7 +77,7 @@ def test_figure_4_takes_any_number_of_people(runs, scores, n):
 def test_figure_6_draws_any_weights_and_the_baselines(runs, weighed, weights):
     some = [weighed.assign(w_hf=w)[weighed["w_hf"] == 0.7] for w in weights]
     both = pd.concat([runs[runs["group"] != "rlihf"], *some])
-    ax = figures_policy.figure_6(both, weights, T)
+    (ax,) = figures_policy.figure_6(both).axes
     lines = named(ax)
     assert list(lines)[:2] == ["RL sparse", "RL dense"] and len(lines) == 2 + len(weights)
     assert len({tuple(line.get_color()) for line in list(lines.values())[2:]}) == len(weights)
@@ -93,8 +94,8 @@ def test_every_group_has_a_colour_of_its_own():
 
 
 def test_the_profile_is_the_share_of_runs_above(runs):
-    table = tables.comparison_table(runs, T)
-    left, right = figures_late.comparison_figure(runs, table, T).axes
+    table = tables.comparison_table(runs)
+    left, right = figures_late.comparison_figure(runs, table).axes
     late = runs[(runs["step"] == T) & (runs["group"] == "rlihf")]["success"].to_numpy()
     line = named(left)["RLIHF (12 people x 5 seeds)"]
     for tau, share in zip(line.get_xdata()[::10], line.get_ydata()[::10], strict=True):
@@ -109,14 +110,14 @@ def test_the_profile_is_the_share_of_runs_above(runs):
 
 def test_supplementary_conditions_are_drawn_like_the_others(runs, supplement):
     both = pd.concat([runs[runs["group"] == "rlihf"], supplement])
-    table = tables.comparison_table(both, T, ordered(supplement["group"]), ("success",))
-    left, right = figures_late.comparison_figure(both, table, T).axes
+    table = tables.comparison_table(both, ordered(supplement["group"]), ("success",))
+    left, right = figures_late.comparison_figure(both, table).axes
     assert len(named(left)) == 5 and len(right.get_yticklabels()) == 4
 
 
 def test_decoder_against_policy_says_how_far_they_go_together(runs, scores):
-    table = tables.subject_table(runs, scores, T)
-    (ax,) = figures_late.decoder_policy_figure(runs, table, T).axes
+    table = tables.subject_table(runs, scores)
+    (ax,) = figures_late.decoder_policy_figure(runs, table).axes
     known = tables.correlation_table(table).iloc[0]
     title = ax.get_title()
     assert f"{known['rho']:.2f}, [{known['ci_low']:.2f}, {known['ci_high']:.2f}], n = 12" in title
@@ -130,7 +131,7 @@ def test_time_and_clearance_are_those_of_late_successes(runs, weighed):
     runs = pd.concat([runs[runs["group"] == "dense"], weighed])
     runs = runs.assign(steps=np.where(runs["success"] > 0.5, 80, 1000))
     runs["success"] = (runs["success"] > 0.5).astype(int)
-    fig = figures_late.trade_off_figure(runs, 3000, "hand-made")
+    fig = figures_late.trade_off_figure(runs)
     (ax,) = fig.axes
     assert ax.get_legend_handles_labels()[1] == [
         "RL dense", *(f"RLIHF, $w_{{hf}}$ = {w:g}" for w in (0.1, 0.4, 0.7))
@@ -143,23 +144,21 @@ def test_a_run_is_drawn_as_soon_as_it_has_windows_learnt_or_not(learnt):
     values = [np.nan, 0.5] if learnt else [np.nan, np.nan]
     columns = ("critic_loss", "ent_coef", "mean_q", "judged_wrong")
     window = pd.DataFrame({"step": [1000, 2000]} | dict.fromkeys(columns, values))
-    fig = figures_policy.learner_figure(window, "rlihf", T)
+    fig = figures_policy.learner_figure(window, "rlihf")
     fig.canvas.draw()
     assert [ax.get_yscale() for ax in fig.axes[:2]] == ["log" if learnt else "linear"] * 2
 
 
 def test_a_single_run_each_can_be_drawn(study):
     runs = load_runs(study)
-    table = tables.subject_table(runs, study.scores(), T)
+    table = tables.subject_table(runs, study.scores())
     figures = [
-        figures_policy.figure_4(runs, study.scores(), T),
-        figures_policy.success_figure(runs, T),
-        figures_late.safety_figure(runs, T),
-        figures_late.comparison_figure(runs, tables.comparison_table(runs, T), T),
-        figures_late.decoder_policy_figure(runs, table, T),
-        figures_policy.figure_6(
-            load_runs(study, ("sparse", "dense", "ablation")), study.profile.weights, T
-        ).figure,
+        figures_policy.figure_4(runs, study.scores()),
+        figures_policy.success_figure(runs),
+        figures_late.safety_figure(runs),
+        figures_late.comparison_figure(runs, tables.comparison_table(runs)),
+        figures_late.decoder_policy_figure(runs, table),
+        figures_policy.figure_6(load_runs(study, ("sparse", "dense", "ablation"))),
     ]
     assert "no interval, n = 1" in figures[-2].axes[0].get_title()
     for fig in figures:
@@ -172,16 +171,16 @@ def test_training_is_a_line_per_run_beside_its_evaluation(runs):
     dense = runs[runs["group"] == "dense"]
     training = dense.assign(episodes=1)
     training.loc[training["step"] == 1000, "return"] = np.nan
-    fig = figures_policy.training_figure(dense, training, "dense", T)
+    fig = figures_policy.training_figure(dense, training, "dense")
     assert [len(line.get_xdata()) for line in fig.axes[0].lines[:5]] == [3] * 5
     assert len(fig.axes[1].collections) == 1
 
 
 def test_saved_figures_say_what_they_were_drawn_from(study):
-    fig = figures_late.safety_figure(load_runs(study), T)
-    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
+    fig = figures_late.safety_figure(load_runs(study))
+    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"], "hand-made")
     before = (study.figures / "safety.pdf").read_bytes()
-    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"])
+    save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"], "hand-made")
     assert (study.figures / "safety.pdf").read_bytes() == before, "equal data, equal file"
     assert (study.figures / "safety.png").stat().st_size > 1000
     entry = json.loads((study.figures / "manifest.json").read_text())["safety"]
@@ -200,10 +199,10 @@ def test_a_film_is_rendered_anew_only_if_what_it_shows_has_changed(study, monkey
         path.write_bytes(b"GIF")
         return "egl"
 
-    monkeypatch.setattr(style, "film", render)
+    monkeypatch.setattr(figures_task, "film", render)
     recording = Recording(None, None, np.zeros((3, 9)), 7, True)
     source = study.decoder / "scores.csv"
     for text in ("subject,auroc\n", "subject,auroc\n", "subject,auroc\ns02,0.5\n"):
         source.write_text(text)
-        style.save_film(recording, study, "film_dense", "03_policy_training", [source])
+        figures_task.save_film(recording, study, "film_dense", "03_policy_training", [source])
     assert rendered == [7, 7]

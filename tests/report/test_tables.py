@@ -18,15 +18,14 @@ from rlihf_lib.report.evaluations import (
     size,
     units,
 )  # fmt: skip
-from rlihf_lib.report.style import label, ordered, save_table, typeset
+from rlihf_lib.report.saving import save_table, typeset
+from rlihf_lib.report.style import label, ordered
 from rlihf_lib.rl.config import RunConfig, SACSettings
-
-T = 3000
 
 
 def test_phases_are_the_thirds_of_training():
     steps = pd.DataFrame({"step": [0, 1, 50_000, 50_001, 100_000, 100_001, 150_000]})
-    phases = add_phase(steps, 150_000)["phase"].astype(str).tolist()
+    phases = add_phase(steps)["phase"].astype(str).tolist()
     assert phases == ["Early", "Early", "Early", "Mid", "Mid", "Late", "Late"]
 
 
@@ -48,7 +47,7 @@ def test_phases_are_the_thirds_of_training():
     ],
 )  # fmt: skip
 def test_a_run_is_compared_as_what_its_config_says(condition, subject, other, group, shown):
-    config = RunConfig(condition, 3, T, 1000, subject=subject, **other)
+    config = RunConfig(condition, 3, 3000, 1000, subject=subject, **other)
     assert group_of(config) == group
     assert label(group) == shown
 
@@ -59,7 +58,7 @@ def test_whose_feedback_a_run_drew_on():
 
 
 def test_units_are_people_or_else_seeds(runs):
-    late = late_scores(runs, T)
+    late = late_scores(runs)
     assert units(late.query("group == 'rlihf'"), "success").shape == (12, 5)
     assert units(late.query("subject == 's05'"), "success").shape == (5, 1)
     assert units(late.query("group == 'dense'"), "success").shape == (5, 1)
@@ -71,7 +70,7 @@ def test_units_are_people_or_else_seeds(runs):
 
 
 def test_table_1_holds_our_means_beside_the_papers(study):
-    table = tables.table_1(load_runs(study), T).set_index(["phase", "group", "metric"])
+    table = tables.table_1(load_runs(study)).set_index(["phase", "group", "metric"])
     assert len(table) == 27
     assert table.loc[("Late", "dense", "success"), "mean"] == 1.0
     assert table.loc[("Late", "rlihf", "success"), "mean"] == 0.5
@@ -87,7 +86,7 @@ def test_table_1_holds_our_means_beside_the_papers(study):
 
 
 def test_summary_of_the_papers_size_is_of_runs_by_hand(runs):
-    table = tables.late_table(runs, T).set_index(["group", "metric"])
+    table = tables.late_table(runs).set_index(["group", "metric"])
     assert table.index.get_level_values("group").unique().tolist() == ["sparse", "dense", "rlihf"]
     row = table.loc[("rlihf", "success")]
     points = runs.query("group == 'rlihf' and step == 3000")["success"]
@@ -97,12 +96,12 @@ def test_summary_of_the_papers_size_is_of_runs_by_hand(runs):
     assert row["iqm_low"] < row["iqm"] < row["iqm_high"]
     assert (row["n"], row["n_runs"], row["n_points"]) == ("12 people x 5 seeds", 60, 60)
     shown = tables.show_summary(table.reset_index(), ["group"], ["success", "iqm success"])
-    assert shown["group"].tolist() == ["RL sparse", "RL dense", "RLIHF"]
+    assert shown["method"].tolist() == ["RL sparse", "RL dense", "RLIHF"]
     assert shown["success"].str.fullmatch(r"0\.\d\d ± 0\.\d\d \[0\.\d\d, 0\.\d\d\]").all()
 
 
 def test_supplementary_conditions_stand_below_a_line_without_the_papers_numbers(runs, supplement):
-    table = tables.table_1(pd.concat([runs, supplement]), T)
+    table = tables.table_1(pd.concat([runs, supplement]))
     assert len(table) == 27 + 4 * 9
     assert table["paper_mean"].iloc[:27].notna().all() and table["paper_mean"][27:].isna().all()
     shown = tables.show_table_1(table)
@@ -122,6 +121,7 @@ def test_latex_is_escaped_and_has_booktabs_lines(study):
     save_table(study, "small", shown, says="95 % of n")
     tex = (study.tables / "small.tex").read_text()
     assert r"a\_b & p \\" in tex and r"1 ± 2 & 0.5 \\" in tex and r" & 1.0 \\" in tex
+    assert tex.startswith("\\begin{table*}[t]\n\\centering")
     assert [tex.count(rf"\{line}rule") for line in ("top", "mid", "bottom")] == [1, 2, 1]
     assert r"\caption{simulated EEG $\cdot$ profile smoke $\cdot$ 95 \% of n}" in tex
     assert r"\multicolumn{2}{l}{\emph{out}}" in tex
@@ -131,9 +131,9 @@ def test_latex_is_escaped_and_has_booktabs_lines(study):
 
 
 def test_rlihf_is_compared_with_baselines_over_people_and_seeds(runs):
-    table = tables.comparison_table(runs, T).set_index(["comparison", "metric"])
+    table = tables.comparison_table(runs).set_index(["comparison", "metric"])
     row = table.loc[("RLIHF - RL dense", "success")]
-    late = late_scores(runs, T).groupby("group")["success"].mean()
+    late = late_scores(runs).groupby("group")["success"].mean()
     assert row["difference"] == pytest.approx(late["rlihf"] - late["dense"])
     assert row["n"] == "12 people x 5 seeds and 5 seeds"
     assert row["smallest_p"] == pytest.approx(2 / 6188)
@@ -152,31 +152,31 @@ def test_rlihf_is_compared_with_baselines_over_people_and_seeds(runs):
 def test_controls_are_compared_with_the_same_persons_runs(runs, supplement):
     everything = pd.concat([runs, supplement])
     others = ordered(supplement["group"])
-    table = tables.comparison_table(everything, T, others, ("success",)).set_index("comparison")
+    table = tables.comparison_table(everything, others, ("success",)).set_index("comparison")
     row = table.loc["RLIHF - RLIHF, constant p"]
-    own = late_scores(runs, T).query("subject == 's08'")["success"].mean()
-    control = late_scores(supplement, T).query("subject == 's08-mean'")["success"].mean()
+    own = late_scores(runs).query("subject == 's08'")["success"].mean()
+    control = late_scores(supplement).query("subject == 's08-mean'")["success"].mean()
     assert row["difference"] == pytest.approx(own - control)
     assert row["n"] == "5 seeds and 5 seeds" and row["smallest_p"] == 2 / 252
     assert table.loc["RLIHF - RLIHF, ideal p", "n"] == "12 people x 5 seeds and 5 seeds"
 
 
 def test_weights_are_paired_over_people(weighed):
-    table = tables.weight_comparison(weighed, T).set_index(["metric", "comparison"])
+    table = tables.weight_comparison(weighed).set_index(["metric", "comparison"])
     row = table.loc[("success", "0.7 - 0.1")]
-    means = late_scores(weighed, T).groupby("w_hf")["success"].mean()
+    means = late_scores(weighed).groupby("w_hf")["success"].mean()
     assert row["difference"] == pytest.approx(means[0.7] - means[0.1])
     assert row["n"] == "12 people, paired" and row["smallest_p"] == 2 / 4096
     assert row["p"] == 2 / 4096 and row["p_holm"] <= 6 * 2 / 4096
-    one = tables.weight_comparison(weighed.query("subject == 's05'"), T)
+    one = tables.weight_comparison(weighed.query("subject == 's05'"))
     assert set(one["smallest_p"]) == {2 / 252}
 
 
 def test_every_person_is_compared_with_dense_reward(runs, scores):
-    table = tables.subject_table(runs, scores, T)
+    table = tables.subject_table(runs, scores)
     assert table["subject"].tolist() == scores["subject"].tolist()
     first = table.iloc[0]
-    late = late_scores(runs, T)
+    late = late_scores(runs)
     own = late.query("subject == 's02'")["success"].mean()
     dense = late.query("group == 'dense'")["success"].mean()
     assert first["difference"] == pytest.approx(own - dense)
@@ -189,16 +189,16 @@ def test_every_person_is_compared_with_dense_reward(runs, scores):
 
 def test_a_study_of_one_run_each_proves_nothing_and_says_so(study):
     runs = load_runs(study, ("sparse", "dense", "ablation"))
-    late = tables.late_table(runs, T, ["group", "w_hf"]).query("metric == 'return'")
+    late = tables.late_table(runs, ["group", "w_hf"]).query("metric == 'return'")
     assert late["w_hf"].tolist() == [0.0, 0.0, 0.1, 0.4, 0.7]
     assert set(late["mean"]) == {30.0} and late["ci_low"].isna().all()
     main = load_runs(study)
-    by_subject = tables.subject_table(main, study.scores(), T)
+    by_subject = tables.subject_table(main, study.scores())
     assert by_subject["subject"].tolist() == ["s04"]
     assert by_subject["difference"].tolist() == [-0.5]
-    comparison = tables.comparison_table(main, T).set_index(["comparison", "metric"])
+    comparison = tables.comparison_table(main).set_index(["comparison", "metric"])
     assert comparison.loc[("RLIHF - RL sparse", "success"), "difference"] == 0.5
-    weights = tables.weight_comparison(runs, T)
+    weights = tables.weight_comparison(runs)
     for table in (by_subject, comparison, weights):
         assert set(table["p"]) == set(table["smallest_p"]) == {1.0}
         assert table["ci_low"].isna().all() and table["n"].str.endswith("no interval").all()
