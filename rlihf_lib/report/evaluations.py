@@ -24,7 +24,6 @@ RANGES = defaultdict(
 )
 EVAL_COLUMNS = ("step", "rollout", *METRICS)
 TRAIN_COLUMNS = ("step", "episodes", "return", "success")
-LOWER_IS_BETTER = ("path_deviation", "collisions")
 CONTROLS = ("ideal", "mean", "shuffled")  # what a table of p(error) may be besides decoded
 
 
@@ -51,19 +50,10 @@ def person_of(subject: str) -> str:
 
 
 def load_runs(study, stages: Iterable[str] = paper.CONDITIONS) -> pd.DataFrame:
-    """Read the evaluations of a study's finished runs.
+    """Read the evaluations of the finished runs of some stages of `study.run_configs`.
 
-    Parameters
-    ----------
-    study : Study
-    stages
-        Of `study.run_configs`.
-
-    Returns
-    -------
-    DataFrame
-        A row per rollout: run, group (`group_of`), person (`person_of`), condition, subject, w_hf,
-        seed; the columns of `eval.csv`; phase (`add_phase`).
+    A row per rollout: run, group (`group_of`), person (`person_of`), condition, subject, w_hf,
+    seed; the columns of `eval.csv`; phase (`add_phase`).
 
     Raises
     ------

@@ -5,6 +5,8 @@ runs, diamonds means over people and seeds, bars their 95 % intervals (`statisti
 five people, or seeds of one, were drawn.
 """
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -26,7 +28,7 @@ from rlihf_lib.report.style import (
 )
 
 CONTROL_STEP = 0.1  # s
-RUNS = {"linestyle": "", "marker": "o", "markersize": 3, "markeredgewidth": 0, "alpha": 0.4}
+RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
 THRESHOLDS = np.linspace(0, 1, 101)  # of a performance profile
 
 
@@ -37,12 +39,12 @@ def safety_figure(runs: pd.DataFrame) -> Figure:
     rng = np.random.default_rng(0)
     for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
         for x, group in enumerate(paper.CONDITIONS):
-            style = {"color": color(group)}
+            shade = color(group)
             scores = late[late["group"] == group].set_index("subject")[metric].dropna()
-            ax.plot(x + rng.uniform(-0.12, 0.12, len(scores)), scores, **style, **RUNS)
+            ax.plot(x + rng.uniform(-0.12, 0.12, len(scores)), scores, color=shade, **RUNS)
             means = unit_means(scores)
-            ax.vlines(x + 0.25, *mean_interval(means, RANGES[metric]), **style)
-            ax.plot(x + 0.25, means.mean(), "D", **style, markersize=4)
+            ax.vlines(x + 0.25, *mean_interval(means, RANGES[metric]), color=shade)
+            ax.plot(x + 0.25, means.mean(), "D", color=shade, ms=4)
         ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
         ax.set_xticks(range(3), [label(group).removeprefix("RL ") for group in paper.CONDITIONS])
         ax.set_ylim(0, 1.1 * late[metric].max() or 1)
@@ -98,9 +100,9 @@ def comparison_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     left.set(xlim=(-0.02, 1.02), ylim=SHARE)
     fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     rows = table[table["metric"] == "success"][::-1]
-    places, style = range(len(rows)), {"color": color("rlihf")}
-    right.hlines(places, rows["improvement_low"], rows["improvement_high"], **style)
-    right.plot(rows["improvement"], places, "D", markersize=4, **style)
+    places, shade = range(len(rows)), color("rlihf")
+    right.hlines(places, rows["improvement_low"], rows["improvement_high"], color=shade)
+    right.plot(rows["improvement"], places, "D", ms=4, color=shade)
     right.axvline(0.5, **REFERENCE)
     right.set_yticks(places, rows["comparison"].str.replace(" - ", " > "))
     right.set(xlim=SHARE, ylim=(-0.6, len(rows) - 0.4), xlabel="P(improvement) in late success")
@@ -114,11 +116,11 @@ def decoder_policy_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     by more than `statistics.EQUIVALENCE_MARGIN`. The title holds Spearman's correlation.
     """
     fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.5))
-    style = {"color": color("rlihf")}
+    shade = color("rlihf")
     late = late_scores(runs).query("group == 'rlihf'").merge(table[["subject", "auroc"]])
-    ax.plot(late["auroc"], late["success"], **style, **RUNS)
-    ax.vlines(table["auroc"], table["success_low"], table["success_high"], **style)
-    ax.plot(table["auroc"], table["success"], "D", **style, ms=4, label=label("rlihf"))
+    ax.plot(late["auroc"], late["success"], color=shade, **RUNS)
+    ax.vlines(table["auroc"], table["success_low"], table["success_high"], color=shade)
+    ax.plot(table["auroc"], table["success"], "D", color=shade, ms=4, label=label("rlihf"))
     for row in table[table["success"] < table["dense"] - EQUIVALENCE_MARGIN].itertuples():
         ax.annotate(
             row.subject, (row.auroc, row.success), (4, 4), textcoords="offset points", fontsize=7

@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import mujoco
@@ -115,27 +116,44 @@ def _farthest(kind, size, along):
 
 def top_view(env: PickPlaceEnv, ax: Axes) -> None:
     """Draw objects, goal and ideal path from above, as a person facing the robot sees them."""
-    path = env.path
+    _draw_scene(env, ax, FROM_ABOVE, alpha=0.8)
+    for name in OBJECT_COLOURS:
+        *_, outline = silhouettes(env.workspace, name, FROM_ABOVE)
+        (left, far), (right, near) = outline.min(axis=0), outline.max(axis=0)
+        look: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7, "path_effects": HALO}
+        if name in ("bottle", "cereal"):  # which stand one behind the other
+            look |= {"xy": (right, (far + near) / 2), "xytext": (2, 0), "va": "center"}
+        else:
+            look |= {
+                "xy": ((left + right) / 2, near),
+                "xytext": (0, -2),
+                "ha": "center",
+                "va": "top",
+            }
+        ax.annotate(name, **look)
+    ax.plot(*env.path.reach[0, 1::-1], "k^", ms=5, label="hand at the start")
+    ax.set(ylabel="x, away from the robot (m)", ylim=(0.27, -0.32))
+
+
+def _side_view(env, ax):
+    """Draw the scene as seen from the robot's front: across the table and up."""
+    _draw_scene(env, ax, FROM_FRONT, alpha=0.5)
+    for name in OBJECT_COLOURS:
+        below = 0.035 if name in ("lemon", "bottle", "goal") else 0.015  # neighbours' names
+        y = env.workspace.placement[name][1]
+        ax.text(y, TABLE_HEIGHT - below, name, fontsize=6, ha="center", va="top")
+    ax.axhline(TABLE_HEIGHT, color="k", lw=0.6)
+    ax.set(ylabel="height z (m)", ylim=(TABLE_HEIGHT - 0.07, TABLE_HEIGHT + 0.4))
+
+
+def _draw_scene(env, ax, view, alpha):
+    """Draw objects, goal and ideal path as seen along a world axis."""
     for name, colour in OBJECT_COLOURS.items():
-        for outline in silhouettes(env.workspace, name, FROM_ABOVE):
-            ax.add_patch(Polygon(outline, color=colour, alpha=0.8, lw=0, gid=name))
-        beside = name in ("bottle", "cereal")  # which stand one behind the other
-        y, x = (outline.max(axis=0) + outline.min(axis=0)) / 2
-        ax.annotate(
-            name,
-            (outline[:, 0].max(), x) if beside else (y, outline[:, 1].max()),
-            xytext=(2, 0) if beside else (0, -2),
-            textcoords="offset points",
-            ha="left" if beside else "center",
-            va="center" if beside else "top",
-            fontsize=7,
-            path_effects=HALO,
-        )
-    ax.plot(path.reach[:, 1], path.reach[:, 0], "k:", lw=1, label="ideal path to the can")
-    ax.plot(path.carry[:, 1], path.carry[:, 0], "k--", lw=1, label="ideal path with the can")
-    ax.plot(*path.reach[0, 1::-1], "k^", ms=5, label="hand at the start")
-    ax.set(xlabel="y (m)", ylabel="x, away from the robot (m)", aspect="equal")
-    ax.set(xlim=(-0.32, 0.32), ylim=(0.27, -0.32))
+        for outline in silhouettes(env.workspace, name, view):
+            ax.add_patch(Polygon(outline, color=colour, alpha=alpha, lw=0, gid=name))
+    for part, dashes, label in ((env.path.reach, ":", "to"), (env.path.carry, "--", "with")):
+        ax.plot(*part[:, view].T, "k" + dashes, lw=1, label=f"ideal path {label} the can")
+    ax.set(xlabel="y (m)", aspect="equal", xlim=(-0.32, 0.32))
 
 
 def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[float, str]) -> Figure:
@@ -175,27 +193,13 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
     return figure
 
 
-def _side_view(env, ax):
-    """Draw the scene as seen from the robot's front: across the table and up."""
-    for name, colour in OBJECT_COLOURS.items():
-        for outline in silhouettes(env.workspace, name, FROM_FRONT):
-            ax.add_patch(Polygon(outline, color=colour, alpha=0.5, lw=0, gid=name))
-        below = 0.035 if name in ("lemon", "bottle", "goal") else 0.015  # neighbours' names
-        y = env.workspace.placement[name][1]
-        ax.text(y, TABLE_HEIGHT - below, name, fontsize=6, ha="center", va="top")
-    ax.axhline(TABLE_HEIGHT, color="k", lw=0.6)
-    ax.plot(env.path.reach[:, 1], env.path.reach[:, 2], "k:", lw=1)
-    ax.plot(env.path.carry[:, 1], env.path.carry[:, 2], "k--", lw=1)
-    ax.set(xlabel="y (m)", ylabel="height z (m)", aspect="equal", xlim=(-0.32, 0.32))
-    ax.set_ylim(TABLE_HEIGHT - 0.07, TABLE_HEIGHT + 0.4)
-
-
 def _draw_zones(workspace, ax, distances):
     """Outline all that is nearer to an obstacle than each distance, largest first."""
     for order, (metres, (inside, grey)) in enumerate(zip(distances, ZONE_GREYS, strict=True)):
         zones = [z for o in OBSTACLES for z in silhouettes(workspace, o, FROM_ABOVE, metres)]
         # Insides over the outlines: zones that overlap have one outline.
-        for number, style in enumerate(({"ec": grey, "lw": 1.6, "ls": ":"}, {"lw": 0})):
+        for number, width in enumerate((1.6, 0)):
+            look: dict[str, Any] = {"fc": inside, "ec": grey, "lw": width, "ls": ":"}
+            look |= {"zorder": 0.6 + 0.1 * order + 0.05 * number, "gid": f"{metres} m"}
             for zone in zones:
-                zorder = 0.6 + 0.1 * order + 0.05 * number
-                ax.add_patch(Polygon(zone, fc=inside, zorder=zorder, gid=f"{metres} m", **style))
+                ax.add_patch(Polygon(zone, **look))

@@ -26,13 +26,10 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
 
     Parameters
     ----------
-    fig
     study : Study
         Gives the folder, `figures/<study>/`.
-    name
-        File name without suffix, such as "fig5_decoder_accuracy".
-    notebook
-        The notebook that draws it, such as "02_loso_decoder".
+    name, notebook
+        File name without suffix; the notebook that draws it, such as "02_loso_decoder".
     sources : sequence of (Path or str)
         Files, or ids of runs of the study (their `eval.csv`), whose data are in the figure.
     says
@@ -51,12 +48,14 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
     hashes = hash_sources(study, name, sources)
     lines = textwrap.fill(caption(study, says), int(LETTERS_PER_INCH * fig.get_figwidth()))
     fig.supxlabel(lines, fontsize=6, color="#555555")
-    if engine := fig.get_layout_engine():
+    engine = fig.get_layout_engine()
+    if engine:
         engine.execute(fig)
-        fig.set_layout_engine("none")  # once, not once more per file
+    fig.set_layout_engine("none")  # laid out once, not again for each file
     for suffix, fields in METADATA.items():
         with atomic_path(study.figures / f"{name}{suffix}") as temporary:
             fig.savefig(temporary, metadata=fields)
+    fig.set_layout_engine(engine)
     enter(study, name, notebook, hashes)
     return study.figures / f"{name}.png"
 
@@ -96,16 +95,8 @@ def save_table(
 ) -> pd.DataFrame:
     """Write a table as `tables/<name>.csv` and, as people read it, as Markdown and as LaTeX.
 
-    Parameters
-    ----------
-    study : Study
-    name
-    table
-        All numbers, in full precision.
-    shown
-        What Markdown and LaTeX show, and what is returned; `table` if None.
-    says
-        What the numbers are, after what every caption says.
+    The csv holds all numbers of `table`, in full precision; the others, under a caption that says
+    what the numbers are, what is `shown` (`table` if None), which is returned.
     """
     shown = table if shown is None else shown
     write_csv(study.tables / f"{name}.csv", table)

@@ -60,8 +60,8 @@ def interval(
     Parameters
     ----------
     statistic
-        Gets an array of unit numbers per sample, shape (..., n), and reduces the last axis: the
-        samples' own units, or resampled ones.
+        Gets an array of unit numbers per sample, shape (..., n), its own or resampled ones, and
+        reduces the last axis.
     *sizes
         Units of each sample, which are resampled independently of each other.
     bounds
@@ -73,22 +73,17 @@ def interval(
     Returns
     -------
     ndarray, shape (2, ...)
-        Low and high, each shaped like `statistic`; NaN where a sample has fewer than `MIN_UNITS`.
-        The same data give the same interval, equal data one of no width.
+        Low and high; NaN where a sample has fewer than `MIN_UNITS`. The same data give the same
+        interval, equal data one of no width.
     """
     units, n = [np.arange(size) for size in sizes], min(sizes)
     estimate = np.asarray(statistic(*units), float)
     if n < MIN_UNITS:
         return np.full((2, *estimate.shape), np.nan)
     resampled = stats.bootstrap(
-        units,
-        lambda *picks, axis: statistic(*picks),
-        vectorized=True,
-        method="percentile",
-        confidence_level=LEVEL,
-        n_resamples=RESAMPLES,
-        rng=0,
-    ).confidence_interval
+        units, lambda *picks, axis: statistic(*picks), vectorized=True, method="percentile",
+        confidence_level=LEVEL, n_resamples=RESAMPLES, rng=0,
+    ).confidence_interval  # fmt: skip
     tail = (1 + LEVEL) / 2
     stretch = np.sqrt(n / (n - 1)) * stats.t.ppf(tail, n - 1) / stats.norm.ppf(tail)
     arms = np.array(resampled) - estimate
@@ -177,27 +172,27 @@ def permutation_test(
     scale = np.abs([*x, *y]).max() or 1.0
     groups = (x - y,) if paired else (x - x[0], y - x[0])
     samples = [np.round(group / scale, DECIMALS) for group in groups]
+    kind, statistic = ("samples", np.mean) if paired else ("independent", _welch_t)
+    options = {"permutation_type": kind, "alternative": alternative, "vectorized": True}
     p = stats.permutation_test(
-        samples,
-        np.mean if paired else lambda *groups, axis: _welch(*groups, axis).statistic,
-        permutation_type="samples" if paired else "independent",
-        alternative=alternative,
-        vectorized=True,
-        n_resamples=PERMUTATIONS,
-        rng=0,
+        samples, statistic, n_resamples=PERMUTATIONS, rng=0, **options
     ).pvalue
-    return float(p if paired else max(p, _welch(*samples, 0, alternative).pvalue)), smallest
+    if not paired:
+        p = max(p, _welch(samples[0], samples[1], alternative).pvalue)
+    return float(p), smallest
 
 
 def _smallest(ways, sides):
     return min(1.0, sides / min(ways, PERMUTATIONS + 1))
 
 
-def _welch(x, y, axis, alternative="two-sided"):
+def _welch(x, y, alternative="two-sided", axis=-1):
     groups = [(s.mean(axis), s.std(axis, ddof=1) + LEAST_SCATTER, s.shape[axis]) for s in (x, y)]
-    return stats.ttest_ind_from_stats(
-        *groups[0], *groups[1], equal_var=False, alternative=alternative
-    )
+    return stats.ttest_ind_from_stats(*groups[0], *groups[1], False, alternative)
+
+
+def _welch_t(x, y, axis):
+    return _welch(x, y, axis=axis).statistic
 
 
 def equivalence_test(

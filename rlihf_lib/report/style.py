@@ -1,6 +1,7 @@
 """How figures and tables look: names, colours, sizes."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -37,9 +38,9 @@ LABELS = {
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
 #: Of chance levels and other lines to compare with.
-REFERENCE = {"color": "#888888", "lw": 0.8, "ls": (0, (2, 2))}
+REFERENCE: dict[str, Any] = {"color": "#888888", "lw": 0.8, "ls": (0, (2, 2))}
 #: Of single people or runs behind their mean.
-BEHIND = {"color": "#BBBBBB", "lw": 0.7}
+BEHIND: dict[str, Any] = {"color": "#BBBBBB", "lw": 0.7}
 
 # Inches of a two-column conference page (ieeeconf, letter).
 COLUMN_WIDTH = 3.4
@@ -80,7 +81,7 @@ def color(group: str) -> str:
     return COLORS.get(group, "#444444")
 
 
-def line_style(group: str) -> dict:
+def line_style(group: str) -> dict[str, Any]:
     """Return colour and dashes of a group's lines."""
     return {"color": color(group), "linestyle": DASHES[group.split("-")[0]]}
 

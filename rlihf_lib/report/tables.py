@@ -8,14 +8,7 @@ import pandas as pd
 
 from rlihf_lib.report import paper
 from rlihf_lib.report import statistics as st
-from rlihf_lib.report.evaluations import (
-    LOWER_IS_BETTER,
-    METRICS,
-    RANGES,
-    late_scores,
-    size,
-    units,
-)
+from rlihf_lib.report.evaluations import METRICS, RANGES, late_scores, size, units
 from rlihf_lib.report.style import label, ordered
 
 SPREAD = (
@@ -27,6 +20,7 @@ TESTED = (
     "the smallest that could come out at this n; Holm: corrected for all tests of the table"
 )
 NO_INTERVAL = ", no interval"
+LOWER_IS_BETTER = ("path_deviation", "collisions")
 P_VALUES = {
     "p": "p",
     "p_holm": "p, Holm",
@@ -147,13 +141,9 @@ def compare(
     """Compare two groups of `evaluations.late_scores`, over the people whom both know.
 
     Where both know two people or more, they are paired; the seeds of one person, or of a baseline
-    that knows none, are not, for five pairs of seeds can't get below p = .06.
-
-    Returns
-    -------
-    dict
-        metric; n, in words; what `statistics.difference` and `statistics.improvement` say;
-        p_equivalent and smallest_p_equivalent (`statistics.equivalence_test`) if asked.
+    that knows none, are not, for five pairs of seeds can't get below p = .06. Returns metric; n, in
+    words; what `statistics.difference` and `statistics.improvement` say; if asked, p_equivalent and
+    smallest_p_equivalent (`statistics.equivalence_test`).
     """
     shared = (set(first["person"]) & set(second["person"])) - {""}
     if shared:
@@ -162,13 +152,10 @@ def compare(
     x, y = units(first, metric), units(second, metric)
     low, high = RANGES[metric]
     better = -1 if metric in LOWER_IS_BETTER else 1
-    row = {
-        "metric": metric,
-        "n": f"{len(x)} people, paired" if paired else f"{size(first)} and {size(second)}",
-        **st.difference(x, y, paired, (low - high, high - low)),
-        **st.improvement(better * x, better * y, paired),
-    }
-    row["n"] += "" if np.isfinite(row["ci_low"]) else NO_INTERVAL
+    found = st.difference(x, y, paired, (low - high, high - low))
+    n = f"{len(x)} people, paired" if paired else f"{size(first)} and {size(second)}"
+    n += "" if np.isfinite(found["ci_low"]) else NO_INTERVAL
+    row = {"metric": metric, "n": n, **found, **st.improvement(better * x, better * y, paired)}
     if equivalence:
         p = st.equivalence_test(np.nanmean(x, axis=1), np.nanmean(y, axis=1), paired)
         row["p_equivalent"], row["smallest_p_equivalent"] = p
@@ -200,15 +187,11 @@ def weight_comparison(
     runs: pd.DataFrame, metrics: Iterable[str] = ("return", "success")
 ) -> pd.DataFrame:
     """Compare every two weights in the late phase, larger minus smaller; as `comparison_table`."""
-    late = late_scores(runs).query("group == 'rlihf'")
-    weights = dict(list(late.groupby("w_hf")))
+    weights = dict(list(late_scores(runs).query("group == 'rlihf'").groupby("w_hf")))
     return _family(
-        {
-            "comparison": f"{large:g} - {small:g}",
-            **compare(weights[large], weights[small], metric),
-        }
+        {"comparison": f"{b:g} - {a:g}", **compare(weights[b], weights[a], metric)}
         for metric in metrics
-        for small, large in combinations(weights, 2)
+        for a, b in combinations(weights, 2)
     )
 
 
@@ -242,19 +225,10 @@ def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
 def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Decoder and policy side by side, and each person's policy against dense reward (late phase).
 
-    Parameters
-    ----------
-    runs
-        Of the main comparison.
-    scores
-        `decoder/scores.csv`.
-
-    Returns
-    -------
-    DataFrame
-        By auroc; columns subject, auroc, balanced_accuracy, accuracy_online, then of late success:
-        success, success_low, success_high, dense; comparison and what `compare` says of it; p_holm
-        and p_equivalent_holm with the smallest possible; return.
+    From the runs of the main comparison and `decoder/scores.csv`, by AUROC. Columns subject, auroc,
+    balanced_accuracy, accuracy_online, then of late success: success, success_low, success_high,
+    dense; comparison and what `compare` says of it; p_holm and p_equivalent_holm with the smallest
+    possible; return.
     """
     late = late_scores(runs)
     dense = late.query("group == 'dense'")
