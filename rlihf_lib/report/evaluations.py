@@ -16,12 +16,9 @@ METRICS = (
 )  # fmt: skip
 #: Values a metric can take.
 RANGES = defaultdict(
-    lambda: NO_BOUNDS,
-    success=PROBABILITY,
-    path_efficiency=PROBABILITY,
-    path_deviation=(0, np.inf),
-    collisions=(0, np.inf),
-)
+    lambda: NO_BOUNDS, success=PROBABILITY, path_efficiency=PROBABILITY,
+    path_deviation=(0, np.inf), collisions=(0, np.inf),
+)  # fmt: skip
 EVAL_COLUMNS = ("step", "rollout", *METRICS)
 TRAIN_COLUMNS = ("step", "episodes", "return", "success")
 CONTROLS = ("ideal", "mean", "shuffled")  # what a table of p(error) may be besides decoded
@@ -53,14 +50,8 @@ def load_runs(study, stages: Iterable[str] = paper.CONDITIONS) -> pd.DataFrame:
     """Read the evaluations of the finished runs of some stages of `study.run_configs`.
 
     A row per rollout: run, group (`group_of`), person (`person_of`), condition, subject, w_hf,
-    seed; the columns of `eval.csv`; phase (`add_phase`).
-
-    Raises
-    ------
-    FileNotFoundError
-        If a run is missing.
-    ValueError
-        If a table lacks a column or holds a number that is none.
+    seed; the columns of `eval.csv`; phase (`add_phase`). A run that is missing raises
+    FileNotFoundError; a table that lacks a column or a number, ValueError.
     """
     return add_phase(read_runs(_configs(study, stages), study.runs))
 
@@ -133,11 +124,9 @@ def late_scores(runs: pd.DataFrame) -> pd.DataFrame:
 def units(runs: pd.DataFrame, metric: str) -> np.ndarray:
     """Arrange runs, a row each, by what was drawn at random; see `statistics`.
 
-    Returns
-    -------
-    ndarray, shape (n_units, n_seeds)
-        A row per person in the order of their names, or per run where there is one person or none.
-        NaN where a person has fewer runs than another; runs without a value are left out.
+    Shape (n_units, n_seeds): a row per person in the order of their names, or per run where there
+    is one person or none. NaN where a person has fewer runs than another; runs without a value are
+    left out.
     """
     runs = runs.dropna(subset=metric)
     if runs["subject"].nunique() < 2:

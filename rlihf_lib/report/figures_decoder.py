@@ -105,13 +105,8 @@ def reliability_figure(table: pd.DataFrame) -> Figure:
 def patterns_figure(decoder, signals: np.ndarray, positions: mne.Info) -> Figure:
     """Show what a decoder's first network follows: temporal filters above, patterns below.
 
-    Parameters
-    ----------
-    decoder : decoder.Decoder
-    signals
-        Epochs, in volts, shape (n, n_channels, n_times), for the patterns; see `Decoder.patterns`.
-    positions
-        With the positions of the decoder's channels.
+    `signals` are epochs, in volts, shape (n, n_channels, n_times), for `Decoder.patterns`;
+    `positions` has those of its channels.
     """
     temporal, patterns = decoder.patterns(signals, 0)
     n_temporal, n_spatial, _ = patterns.shape

@@ -41,14 +41,8 @@ def difference_waves_figure(
 ) -> Figure:
     """Error-minus-correct waves of the subjects, their mean and its 95 % band, a panel a channel.
 
-    Parameters
-    ----------
-    waves
-        Name of a channel -> volts, shape (n_subjects, n_times).
-    times
-        s, shape (n_times,).
-    published
-        Mark the intervals of the published wave at the lower edge of Cz.
+    Name of a channel -> volts, shape (n_subjects, n_times), at `times`, s; at the lower edge of Cz
+    the intervals of the `published` wave, if asked.
     """
     fig, axes = plt.subplots(1, len(waves), figsize=(PAGE_WIDTH, 2.2), sharey=True, squeeze=False)
     for ax, (channel, values) in zip(axes[0], waves.items(), strict=True):

@@ -62,24 +62,20 @@ def mark_phases(ax: Axes, total_steps: float) -> None:
 def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
     """Fig. 4: evaluation return against training steps, a panel per person and their mean.
 
-    Parameters
-    ----------
-    runs
-        Runs of the main comparison. The baselines know no person and are the same in every panel.
-    scores
-        From `Study.scores`; people are sorted by the AUROC of their decoder, told in the title.
+    The baselines know no person and are the same in every panel. People are sorted by the AUROC of
+    their decoder, from `Study.scores`.
     """
     people = scores[scores["subject"].isin(runs["subject"])]
     people = people.sort_values("auroc", ascending=False)
-    panels = [(row.subject, f"{row.subject}, AUROC {row.auroc:.2f}") for row in people.itertuples()]
-    n = len(panels) + 1
+    titles = {row.subject: f"{row.subject}, AUROC {row.auroc:.2f}" for row in people.itertuples()}
+    n = len(titles) + 1
     columns = min(n, 5 if n > 8 else 4)
     rows = -(-n // columns)
     fig, axes = plt.subplots(
         rows, columns, figsize=(PAGE_WIDTH, 0.6 + 1.25 * rows), sharex=True, sharey=True,
         squeeze=False,
     )  # fmt: skip
-    for ax, (person, title) in zip(axes.flat, panels, strict=False):
+    for ax, (person, title) in zip(axes.flat, titles.items(), strict=False):
         group_curves(runs[runs["subject"].isin(["", person])], ax, paper.CONDITIONS)
         ax.set_title(title, fontsize=7.5)
     mean = axes.flat[n - 1]

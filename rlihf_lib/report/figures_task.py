@@ -72,21 +72,9 @@ def save_film(recording, study, name: str, notebook: str, sources) -> Path | Non
 def silhouettes(workspace, name: str, view: tuple, margin: float = 0.0) -> Iterator[np.ndarray]:
     """Outlines of an object's collision shapes, or of the goal, as seen along a world axis.
 
-    Parameters
-    ----------
-    workspace : Workspace
-        A fast one, whose shapes are boxes, cylinders and ellipsoids.
-    name
-        Of an object, or "goal".
-    view
-        The two world axes to draw, 0 to 2.
-    margin
-        Metres by which the outlines lie outside the shapes.
-
-    Yields
-    ------
-    ndarray, shape (360, 2)
-        Corners, metres.
+    Of a fast `Workspace`, whose shapes are boxes, cylinders and ellipsoids. `view` are the two
+    world axes to draw; outlines lie `margin` metres outside the shapes. Yields corners, metres,
+    shape (360, 2).
     """
     model, data = workspace.sim.model._model, workspace.sim.data._data
     angle = np.radians(np.arange(360) + 0.5)
@@ -120,17 +108,14 @@ def top_view(env: PickPlaceEnv, ax: Axes) -> None:
     for name in OBJECT_COLOURS:
         *_, outline = silhouettes(env.workspace, name, FROM_ABOVE)
         (left, far), (right, near) = outline.min(axis=0), outline.max(axis=0)
-        look: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7, "path_effects": HALO}
         if name in ("bottle", "cereal"):  # which stand one behind the other
-            look |= {"xy": (right, (far + near) / 2), "xytext": (2, 0), "va": "center"}
+            place, offset, align = (right, (far + near) / 2), (2, 0), ("left", "center")
         else:
-            look |= {
-                "xy": ((left + right) / 2, near),
-                "xytext": (0, -2),
-                "ha": "center",
-                "va": "top",
-            }
-        ax.annotate(name, **look)
+            place, offset, align = ((left + right) / 2, near), (0, -2), ("center", "top")
+        ax.annotate(
+            name, place, offset, textcoords="offset points", ha=align[0], va=align[1], fontsize=7,
+            path_effects=HALO,
+        )  # fmt: skip
     ax.plot(*env.path.reach[0, 1::-1], "k^", ms=5, label="hand at the start")
     ax.set(ylabel="x, away from the robot (m)", ylim=(0.27, -0.32))
 
@@ -159,14 +144,8 @@ def _draw_scene(env, ax, view, alpha):
 def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[float, str]) -> Figure:
     """Draw executed paths of the hand among the obstacles, from above and from the side.
 
-    Parameters
-    ----------
-    env
-        Reset to the placement of the recordings.
-    recordings
-        Of each condition a `rlihf_lib.rl.replay.Recording` per run, all of the same placement.
-    zones
-        Two distances from obstacles, metres -> what they mean to the observer.
+    Of each condition a `rlihf_lib.rl.replay.Recording` per run, all of the placement to which `env`
+    is reset. `zones` are two distances from obstacles, metres, and what they mean to the observer.
     """
     figure, (top, side) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.5), width_ratios=[1, 1.1])
     top_view(env, top)

@@ -35,15 +35,8 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
     says
         How many of what, such as "3 people x 2 seeds"; see `caption`.
 
-    Returns
-    -------
-    Path
-        The PNG.
-
-    Raises
-    ------
-    FileNotFoundError
-        If a source does not exist: a figure from nowhere is not saved.
+    Returns the PNG. A source that does not exist raises FileNotFoundError: a figure from nowhere is
+    not saved.
     """
     hashes = hash_sources(study, name, sources)
     lines = textwrap.fill(caption(study, says), int(LETTERS_PER_INCH * fig.get_figwidth()))
@@ -55,7 +48,7 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
     for suffix, fields in METADATA.items():
         with atomic_path(study.figures / f"{name}{suffix}") as temporary:
             fig.savefig(temporary, metadata=fields)
-    fig.set_layout_engine(engine)
+    fig.set_layout_engine(engine or "none")
     enter(study, name, notebook, hashes)
     return study.figures / f"{name}.png"
 
@@ -81,9 +74,7 @@ def hash_sources(study, name: str, sources) -> dict[str, str]:
         if not path.is_absolute() and not path.exists():
             path = study.runs / str(source) / "eval.csv"
         if not path.is_file():
-            raise FileNotFoundError(
-                f"figure {name} names the source {source}, but {path} is missing"
-            )
+            raise FileNotFoundError(f"figure {name} is drawn from {source}, but {path} is missing")
         path = path.resolve()
         inside = path.is_relative_to(study.out)  # manifests hold no home folder
         hashes[str(path.relative_to(study.out)) if inside else path.name] = sha256(path)

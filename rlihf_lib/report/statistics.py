@@ -13,10 +13,9 @@ out: seeds count as nested. Percentile intervals of few units are too narrow: th
 lacks the factor n / (n - 1), its quantiles are the normal distribution's, not Student's (Hesterberg
 2015, The American Statistician 69:371). He makes up for both by quantiles further out, which can't
 leave the range of the data; here the arms of the interval are stretched by the same two factors. In
-simulated studies of 12 people and 5 seeds 94 to 96 % of the intervals hold the true mean (not
-stretched: 90 to 93 %), of five seeds 92 to 95 % (not stretched: 83 % of normal scores); see
-`tests/report/test_coverage.py`. What no interval can do: where one in ten fails, five runs often
-show none that did.
+simulated studies of 12 people and 5 seeds 94 to 96 % of the intervals hold the true mean, of five
+seeds 92 to 95 % (not stretched: 90 to 93 % and 83 %; `tests/report/test_coverage.py`). What none
+can do: where one in ten fails, five runs often show none that did.
 
 **Tests** permute the units. Beside each p stands the smallest that could come out at their number.
 """
@@ -113,14 +112,10 @@ def difference(
     if paired:
         low, high = mean_interval(x - y, bounds)
     else:
-        low, high = interval(
-            lambda i, j: x[i].mean(-1) - y[j].mean(-1), len(x), len(y), bounds=bounds
-        )
-    p, smallest = permutation_test(x, y, paired)
-    return {
-        "difference": x.mean() - y.mean(), "ci_low": low, "ci_high": high,
-        "p": p, "smallest_p": smallest,
-    }  # fmt: skip
+        sizes = len(x), len(y)
+        low, high = interval(lambda i, j: x[i].mean(-1) - y[j].mean(-1), *sizes, bounds=bounds)
+    found = {"difference": x.mean() - y.mean(), "ci_low": low, "ci_high": high}
+    return found | dict(zip(("p", "smallest_p"), permutation_test(x, y, paired), strict=True))
 
 
 def improvement(first: np.ndarray, second: np.ndarray, paired: bool) -> dict[str, float]:
@@ -157,11 +152,8 @@ def permutation_test(
     people within each seed and permute seeds errs in .05 to .6, for it takes the people for given;
     to flip signs of each person's difference from the mean baseline, whose luck is common to all.
 
-    Returns
-    -------
-    p, smallest : float
-        The second: what p would be at this number of units if the data were as extreme as can be.
-        All permutations up to `PERMUTATIONS`, random ones beyond.
+    Returns p, from all permutations up to `PERMUTATIONS` and random ones beyond, and the smallest p
+    that could come out at this number of units.
     """
     x, y = np.asarray(first, float), np.asarray(second, float)
     n, m = len(x), len(y)

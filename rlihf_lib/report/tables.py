@@ -21,25 +21,17 @@ TESTED = (
 )
 NO_INTERVAL = ", no interval"
 LOWER_IS_BETTER = ("path_deviation", "collisions")
-P_VALUES = {
-    "p": "p",
-    "p_holm": "p, Holm",
-    "p_equivalent": "p, equivalent",
-    "p_equivalent_holm": "p, equivalent, Holm",
-}
+P_VALUES = ("p", "p_holm", "p_equivalent", "p_equivalent_holm")
 DIGITS = {"return": 0, "min_clearance": 3}  # of the others: 2
 
 
 def summarise(runs: pd.DataFrame, by: list[str], metrics: Sequence[str] = METRICS) -> pd.DataFrame:
     """Summarise metrics for every group of runs, named by columns such as ["phase", "group"].
 
-    Returns
-    -------
-    DataFrame
-        One row per group and metric: mean and sd (n - 1) over evaluation points (the mean of a
-        point's rollouts, as the paper's spread suggests), ci_low and ci_high (95 % interval of the
-        mean over people and seeds), iqm over runs, iqm_low, iqm_high; n, in words; n_runs,
-        n_points. Without an interval (`statistics.MIN_UNITS`), its ends are empty.
+    A row per group and metric: mean and sd (n - 1) over evaluation points (the mean of a point's
+    rollouts, as the paper's spread suggests), ci_low and ci_high (95 % interval of the mean over
+    people and seeds), iqm over runs, iqm_low, iqm_high; n, in words; n_runs, n_points. Without an
+    interval (`statistics.MIN_UNITS`), its ends are empty.
     """
     metrics = list(metrics)
     runs = runs.assign(group=pd.Categorical(runs["group"], ordered(runs["group"])))
@@ -108,31 +100,21 @@ def show_summary(table: pd.DataFrame, by: list[str], columns: Iterable[str]) -> 
             metric = name.removeprefix("iqm ").removesuffix(", paper")
             cell = known[metric]
             if name.endswith(", paper"):
-                text = _spread(cell.paper_mean, cell.paper_sd, metric)
-            elif np.isnan(cell.mean):
-                text = "not run"
+                text = _text(metric, cell.paper_mean, cell.paper_sd)
             elif name.startswith("iqm "):
-                text = _number(cell.iqm, metric) + _between(cell.iqm_low, cell.iqm_high, metric)
+                text = _text(metric, cell.iqm, low=cell.iqm_low, high=cell.iqm_high)
             else:
-                text = _spread(cell.mean, cell.sd, metric)
-                text += _between(cell.ci_low, cell.ci_high, metric)
+                text = _text(metric, cell.mean, cell.sd, cell.ci_low, cell.ci_high) or "not run"
             row[name.replace("_", " ")] = text
         rows.append({**row, "n": cells["n"].iloc[0]})
     return pd.DataFrame(rows)
 
 
-def _spread(mean, sd, metric):
-    if np.isnan(mean):
-        return ""
-    return _number(mean, metric) + ("" if np.isnan(sd) else f" ± {_number(sd, metric)}")
-
-
-def _number(value, metric=""):
-    return f"{value:z.{DIGITS.get(metric, 2)}f}"  # z: no minus before zero
-
-
-def _between(low, high, metric=""):
-    return "" if np.isnan(low) else f" [{_number(low, metric)}, {_number(high, metric)}]"
+def _text(metric, value, sd=np.nan, low=np.nan, high=np.nan):
+    """Format "0.54 ± 0.45 [0.31, 0.74]", or what there is of it; no minus before zero."""
+    numbers = (f"{x:z.{DIGITS.get(metric, 2)}f}" for x in (value, sd, low, high))
+    parts = zip(("{}", " ± {}", " [{}", ", {}]"), numbers, strict=True)
+    return "".join(part.format(number) for part, number in parts if number != "nan")
 
 
 def compare(
@@ -183,14 +165,12 @@ def comparison_table(
     )
 
 
-def weight_comparison(
-    runs: pd.DataFrame, metrics: Iterable[str] = ("return", "success")
-) -> pd.DataFrame:
+def weight_comparison(runs: pd.DataFrame) -> pd.DataFrame:
     """Compare every two weights in the late phase, larger minus smaller; as `comparison_table`."""
     weights = dict(list(late_scores(runs).query("group == 'rlihf'").groupby("w_hf")))
     return _family(
         {"comparison": f"{b:g} - {a:g}", **compare(weights[b], weights[a], metric)}
-        for metric in metrics
+        for metric in ("return", "success")
         for a, b in combinations(weights, 2)
     )
 
@@ -208,15 +188,16 @@ def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
         {
             "metric": row.metric.replace("_", " "),
             "comparison": row.comparison,
-            "difference": _number(row.difference, row.metric)
-            + _between(row.ci_low, row.ci_high, row.metric),
-            "P(better)": _number(row.improvement)
-            + _between(row.improvement_low, row.improvement_high),
+            "difference": _text(row.metric, row.difference, low=row.ci_low, high=row.ci_high),
+            "P(better)": _text(
+                "", row.improvement, low=row.improvement_low, high=row.improvement_high
+            ),
         }
         for row in table.itertuples()
     )
-    for name, words in P_VALUES.items():
+    for name in P_VALUES:
         if name in table:
+            words = name.replace("_", ", ").replace("holm", "Holm")
             pairs = zip(table[name], table[f"smallest_{name}"], strict=True)
             shown[words] = ["" if np.isnan(p) else f"{p:.2g} ({least:.2g})" for p, least in pairs]
     return shown.assign(n=table["n"])
@@ -248,9 +229,9 @@ def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     return table.sort_values("auroc", ignore_index=True)
 
 
-def correlation_table(
-    by_subject: pd.DataFrame, metrics: Iterable[str] = ("success", "return")
-) -> pd.DataFrame:
+def correlation_table(people: pd.DataFrame) -> pd.DataFrame:
     """`statistics.spearman` of AUROC with what the policies reach late, over `subject_table`."""
-    rows = [{"metric": m, **st.spearman(by_subject["auroc"], by_subject[m])} for m in metrics]
-    return pd.DataFrame(rows)
+    return pd.DataFrame(
+        {"metric": metric, **st.spearman(people["auroc"], people[metric])}
+        for metric in ("success", "return")
+    )
