@@ -136,11 +136,11 @@ def patterns_figure(decoder, signals: np.ndarray, positions: mne.Info) -> Figure
 def channels_figure(tables: dict[str, pd.DataFrame]) -> Figure:
     """AUROC with different channels (name -> scores), a line per subject."""
     auroc = pd.concat(tables, names=["channels"]).reset_index("channels")
-    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.3))
+    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.5))
     _subject_lines(auroc, ax, "channels", "auroc", COLORS["dense"])
     ax.axhline(0.5, label="Chance", **REFERENCE)
     ax.set(xlabel="", ylabel="AUROC", xlim=(-0.3, len(tables) - 0.7))
-    ax.legend(loc="upper right")
+    fig.legend(loc="outside upper center", ncols=2)
     return fig
 
 

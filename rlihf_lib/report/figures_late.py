@@ -35,7 +35,7 @@ THRESHOLDS = np.linspace(0, 1, 101)  # of a performance profile
 def safety_figure(runs: pd.DataFrame) -> Figure:
     """Collisions and minimum clearance in the late phase."""
     late = late_scores(runs).assign(min_clearance=lambda table: 100 * table["min_clearance"])
-    fig, axes = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, 1.9))
+    fig, axes = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, 2.1))
     rng = np.random.default_rng(0)
     for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
         for x, group in enumerate(paper.CONDITIONS):

@@ -72,7 +72,7 @@ def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
     columns = min(n, 5 if n > 8 else 4)
     rows = -(-n // columns)
     fig, axes = plt.subplots(
-        rows, columns, figsize=(PAGE_WIDTH, 0.6 + 1.25 * rows), sharex=True, sharey=True,
+        rows, columns, figsize=(PAGE_WIDTH, 0.8 + 1.25 * rows), sharex=True, sharey=True,
         squeeze=False,
     )  # fmt: skip
     for ax, (person, title) in zip(axes.flat, titles.items(), strict=False):
@@ -142,7 +142,7 @@ def learner_figure(training: pd.DataFrame, condition: str) -> Figure:
         "critic_loss": "Critic loss",
         "ent_coef": r"Entropy coefficient $\alpha$",
         "mean_q": "Mean Q",
-        "judged_wrong": "Steps judged wrong (share)",
+        "judged_wrong": "Share judged wrong",
     }
     if condition != "rlihf":
         del panels["judged_wrong"]

@@ -166,7 +166,8 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
         label = f"{100 * metres:.0f} cm from obstacles: {zones[metres]}"
         top.plot([], [], color=grey, lw=0.9, ls=":", label=label)
     figure.legend(
-        loc="outside upper center", ncols=3, fontsize=6, title_fontsize=6,
+        *top.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=6,
+        title_fontsize=6,
         title="Hand of the policies at the end of training; star: can placed, cross: not",
     )  # fmt: skip
     return figure

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from rlihf_lib.files import atomic_path, sha256, write_csv, write_text
 
-LETTERS_PER_INCH = 23  # of a note, 6 pt
+LETTERS_PER_INCH = 22  # of a note, 6 pt
 # Without a fixed date and software version, equal data would give unequal files.
 METADATA = {".pdf": {"CreationDate": None}, ".png": {"Software": None}}
 # Of captions; pandas escapes cells.
