@@ -3,6 +3,7 @@
 import json
 
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,6 +18,19 @@ use_style()
 
 STEPS = (0, 1000, 2000, 3000)
 LEVEL = {"sparse": 0.0, "dense": 1.0, "rlihf": 0.5}
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    """Close what was drawn."""
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def legend():
+    """Lines of the legend of axes, by name."""
+    return lambda ax: {line.get_label(): line for line in ax.lines if line.get_label()[0] != "_"}
 
 
 @pytest.fixture
