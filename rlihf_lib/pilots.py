@@ -112,7 +112,7 @@ def learning_curves(runs, scores):
                         look = color(group) if shade is None else shade
                         learning_curve(chosen, ax, metric, color=look, label=words)
             mark_phases(ax, STEPS)
-            ax.set(ylabel=axis_label, ylim=(-0.03, 1.03), title=title)
+            ax.set(xlabel="", ylabel=axis_label, ylim=(-0.03, 1.03), title=title)
         fig.legend(*panels[0].get_legend_handles_labels(), loc=place, title=title)
     for ax in axes[-1]:
         ax.set_xlabel("Steps (thousands)")
