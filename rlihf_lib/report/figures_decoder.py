@@ -1,234 +1,165 @@
 """Figures of the decoder: Fig. 5, how far p(error) can be trusted, what the networks look at.
 
-Each function takes a table or a decoder, draws, and returns axes or a figure.
+Each function takes a table or a decoder, draws, and returns the figure.
 """
 
 import matplotlib.pyplot as plt
 import mne
 import numpy as np
+import pandas as pd
+import seaborn as sns
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from rlihf_lib.eeg.scores import reliability
-from rlihf_lib.report.style import COLORS, COLUMN_WIDTH, PAGE_WIDTH, note
+from rlihf_lib.report.style import BEHIND, COLORS, COLUMN_WIDTH, PAGE_WIDTH, REFERENCE
+
+BARS = {
+    "accuracy_pretrain": "Pretraining (validation subjects)",
+    "accuracy_online": "Online (held-out subject, replayed)",
+}
+N_BINS = 10  # of p(error)
+SCORES = {"accuracy": "Accuracy", "balanced_accuracy": "Balanced accuracy", "auroc": "AUROC"}
+MAX_FREQUENCY = 15  # Hz, of temporal filters
+N_FFT = 256
 
 
-def figure_5(scores, caption=""):
+def figure_5(scores: pd.DataFrame) -> Figure:
     """Fig. 5: accuracy at pretraining (yellow) and online (orange), a pair of bars per subject.
 
-    Parameters
-    ----------
-    scores : DataFrame
-        As `loso.run_loso` returns it.
-    caption : str
-
-    Returns
-    -------
-    matplotlib Figure
+    `scores` is as `loso.run_loso` returns it.
     """
-    fig, ax = plt.subplots(figsize=(PAGE_WIDTH, 2.4))
-    x = np.arange(len(scores) + 1)
-    names = [*scores["subject"], "mean"]
-    for side, column, label in (
-        (-0.2, "accuracy_pretrain", "Pretraining (validation subjects)"),
-        (0.2, "accuracy_online", "Online (held-out subject, replayed)"),
-    ):
-        values = [*scores[column], scores[column].mean()]
-        color = COLORS["pretrain" if side < 0 else "online"]
-        ax.bar(x + side, values, 0.38, color=color, edgecolor="#555555", lw=0.4, label=label)
-    below = scores["accuracy_online"] - scores["accuracy_online_low"]
-    above = scores["accuracy_online_high"] - scores["accuracy_online"]
+    table = scores.set_index("subject")
+    table.loc["mean"] = table.mean(numeric_only=True)
+    arms = _arms(table.iloc[:-1], "accuracy_online")
+    fig, ax = plt.subplots(figsize=(PAGE_WIDTH, 2.6))
+    colors = [COLORS["pretrain"], COLORS["online"]]
+    bars = table[list(BARS)].rename(columns=BARS)
+    bars.plot.bar(ax=ax, color=colors, width=0.78, ec="#555555", lw=0.4, rot=0, legend=False)
+    x = np.arange(len(table))
     ax.errorbar(
-        x[:-1] + 0.2, scores["accuracy_online"], [below, above], fmt="none", ecolor="#333333",
+        x[:-1] + 0.2, scores["accuracy_online"], arms, fmt="none", ecolor="#333333",
         elinewidth=0.8, capsize=1.5, label="95 % interval over trials",
     )  # fmt: skip
-    majority = [*scores["majority"], scores["majority"].mean()]
+    majority = table["majority"]
     ax.hlines(majority, x - 0.42, x + 0.42, color="black", lw=1, label="Always the majority class")
-    ax.axhline(0.5, color="#888888", lw=0.8, ls=(0, (2, 2)), label="Coin")
+    ax.axhline(0.5, label="Coin", **REFERENCE)
     ax.axvline(len(scores) - 0.5, color="#BBBBBB", lw=0.6)
-    ax.set_xticks(x, names)
     ax.set(ylim=(0, 1.0), xlim=(-0.6, len(x) - 0.4), ylabel="Accuracy", xlabel="Held-out subject")
     ax.grid(axis="x", visible=False)
-    fig.legend(loc="outside upper center", ncols=5, columnspacing=1.0, handlelength=1.5)
-    note(fig, caption)
+    fig.legend(loc="outside upper center", ncols=3)
     return fig
 
 
-def subject_scores(scores, ax, column, chance, label):
-    """Draw one score per subject with its 95 % interval over trials, best subject last.
-
-    Parameters
-    ----------
-    scores : DataFrame
-    ax : matplotlib Axes
-    column : str
-        A score with `_low` and `_high`.
-    chance : Series or float
-        Chance level of each subject.
-    label : str
-        Of the axis.
-    """
-    ranked = scores.sort_values("auroc").reset_index(drop=True)
-    x = np.arange(len(ranked))
-    low, high = ranked[f"{column}_low"], ranked[f"{column}_high"]
-    ax.errorbar(
-        x, ranked[column], [ranked[column] - low, high - ranked[column]], fmt="o", ms=3.5,
-        color=COLORS["dense"], elinewidth=0.9, capsize=1.5,
-    )  # fmt: skip
-    if np.isscalar(chance):
-        ax.axhline(chance, color="#888888", lw=0.8, ls=(0, (2, 2)))
-    else:
-        ax.plot(x, chance[scores.sort_values("auroc").index], "_", color="#888888", ms=9)
-    ax.axhline(ranked[column].mean(), color=COLORS["dense"], lw=0.8, alpha=0.5)
-    ax.set_xticks(x, ranked["subject"], rotation=60)
-    ax.set_ylabel(label)
-    return ax
+def _arms(scores, column):
+    low, high = scores[f"{column}_low"], scores[f"{column}_high"]
+    return [scores[column] - low, high - scores[column]]
 
 
-def scores_figure(scores, caption=""):
-    """AUROC and balanced accuracy per subject, with chance level and mean."""
+def scores_figure(scores: pd.DataFrame) -> Figure:
+    """AUROC and balanced accuracy per subject, with chance level and mean; best decoder last."""
+    ranked = scores.sort_values("auroc")
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.3))
-    subject_scores(scores, axes[0], "auroc", 0.5, "AUROC")
-    chance = scores["balanced_accuracy_chance"]
-    subject_scores(scores, axes[1], "balanced_accuracy", chance, "Balanced accuracy")
+    for ax, column in zip(axes, ("auroc", "balanced_accuracy"), strict=True):
+        ax.errorbar(
+            ranked["subject"], ranked[column], _arms(ranked, column), fmt="o", ms=3.5,
+            color=COLORS["dense"], elinewidth=0.9, capsize=1.5,
+        )  # fmt: skip
+        ax.axhline(ranked[column].mean(), color=COLORS["dense"], lw=0.8, alpha=0.5)
+        ax.tick_params(axis="x", rotation=60)
+        ax.set_ylabel(SCORES[column])
+    axes[0].axhline(0.5, **REFERENCE)
+    chance = ranked["balanced_accuracy_chance"]
+    axes[1].plot(ranked["subject"], chance, "_", color=REFERENCE["color"], ms=9)
     axes[0].set_title("Dots: 95 % interval over trials. Blue line: mean. Dashed: chance")
     axes[1].set_title("Grey: 95th percentile under permuted labels")
-    note(fig, caption)
     return fig
 
 
-def reliability_figure(table, caption="", n_bins=10):
+def reliability_figure(table: pd.DataFrame) -> Figure:
     """Promised against observed fraction of errors, before and after temperature scaling.
 
-    Parameters
-    ----------
-    table : DataFrame
-        p_error.csv: all held-out epochs.
-    caption : str
-    n_bins : int
-
-    Returns
-    -------
-    matplotlib Figure
+    `table` is p_error.csv: all held-out epochs.
     """
     fig, (ax, histogram) = plt.subplots(
         2, 1, figsize=(COLUMN_WIDTH, 3.3), sharex=True, height_ratios=(3, 1)
     )
-    ax.plot([0, 1], [0, 1], color="#888888", lw=0.8, ls=(0, (2, 2)), label="Perfect")
+    ax.plot([0, 1], [0, 1], label="Perfect", **REFERENCE)
     for column, color, marker, label in (
         ("p_error_raw", COLORS["sparse"], "s", "Raw"),
         ("p_error", COLORS["rlihf"], "o", "Temperature-scaled"),
     ):
         p, labels = table[column].to_numpy(), table["label"].to_numpy()
-        promised, observed, count = reliability(p, labels, n_bins)
+        promised, observed, count = reliability(p, labels, N_BINS)
         error = 1.96 * np.sqrt(observed * (1 - observed) / np.maximum(count, 1))
         ax.errorbar(
             promised, observed, error, color=color, marker=marker, ms=3.5, capsize=1.5, label=label
         )
-        edges = np.linspace(0, 1, n_bins + 1)
-        histogram.stairs(count / count.sum(), edges, color=color)
+        histogram.stairs(count / count.sum(), np.linspace(0, 1, N_BINS + 1), color=color)
     ax.set(ylabel="Observed fraction of errors", xlim=(0, 1), ylim=(0, 1))
-    ax.legend(loc="upper left")
-    histogram.set(xlabel="Decoded p(error)", ylabel="Epochs")
-    note(fig, caption + "\nbars: 95 % normal interval")
+    ax.legend(loc="upper left", title="Bars: 95 % normal interval", alignment="left")
+    histogram.set(xlabel="Decoded p(error)", ylabel="Epochs (share)")
     return fig
 
 
-def patterns_figure(decoder, signals, positions, network=0, caption=""):
-    """Show what one network of a decoder follows: temporal filters above, patterns below.
+def patterns_figure(decoder, signals: np.ndarray, positions: mne.Info) -> Figure:
+    """Show what a decoder's first network follows: temporal filters above, patterns below.
 
-    Parameters
-    ----------
-    decoder : decoder.Decoder
-    signals : ndarray, shape (n, n_channels, n_times)
-        Epochs, in volts, for the patterns; see `Decoder.patterns`.
-    positions : mne.Info
-        With the positions of the decoder's channels.
-    network : int
-    caption : str
-
-    Returns
-    -------
-    matplotlib Figure
+    `signals` are epochs, in volts, shape (n, n_channels, n_times), for `Decoder.patterns`;
+    `positions` has those of its channels.
     """
-    temporal, patterns = decoder.patterns(signals, network)
+    temporal, patterns = decoder.patterns(signals, 0)
     n_temporal, n_spatial, _ = patterns.shape
-    info = mne.pick_info(positions, [positions.ch_names.index(c) for c in _eeg(decoder, positions)])
-    picks = [decoder.input_format.channels.index(name) for name in info.ch_names]
-    frequencies = np.fft.rfftfreq(256, 1 / decoder.input_format.network_sfreq)
-    gains = np.abs(np.fft.rfft(temporal, 256, axis=1))
+    channels = decoder.input_format.channels
+    eeg = {positions.ch_names[i] for i in mne.pick_types(positions, eeg=True)}
+    picks = [i for i, name in enumerate(channels) if name in eeg]
+    info = mne.pick_info(positions, [positions.ch_names.index(channels[i]) for i in picks])
+    frequencies = np.fft.rfftfreq(N_FFT, 1 / decoder.input_format.network_sfreq)
+    gains = np.abs(np.fft.rfft(temporal, N_FFT, axis=1))
     fig, axes = plt.subplots(
-        1 + n_spatial, n_temporal, figsize=(PAGE_WIDTH, 1.0 + 0.95 * n_spatial),
-        squeeze=False,
-    )  # fmt: skip
-    for f in range(n_temporal):
-        ax = axes[0, f]
+        1 + n_spatial, n_temporal, figsize=(PAGE_WIDTH, 1.0 + 0.95 * n_spatial), squeeze=False
+    )
+    for f, (ax, *maps) in enumerate(axes.T):
         ax.plot(frequencies, gains[f] / gains.max(), color=COLORS["dense"])
-        ax.set(ylim=(0, 1.05), xlim=(0, 15), title=f"filter {f + 1}")
-        if f:
-            ax.set_yticklabels([])
-        else:
-            ax.set(ylabel="Gain (rel.)", xlabel="Frequency (Hz)")
-        for d in range(n_spatial):
-            pattern = patterns[f, d, picks]
+        ax.set(ylim=(0, 1.05), xlim=(0, MAX_FREQUENCY), title=f"filter {f + 1}")
+        ax.tick_params(labelleft=f == 0)
+        for pattern, space in zip(patterns[f][:, picks], maps, strict=True):
             image, _ = mne.viz.plot_topomap(
-                pattern / np.abs(pattern).max(), info, axes=axes[1 + d, f], show=False, contours=0,
+                pattern / np.abs(pattern).max(), info, axes=space, show=False, contours=0,
                 cmap="RdBu_r", vlim=(-1, 1), sensors=False,
             )  # fmt: skip
-    bar = fig.colorbar(image, ax=axes[1:, -1], shrink=0.8, aspect=12)
-    bar.set_label("Pattern (rel.)")
-    note(fig, caption)
+    axes[0, 0].set(ylabel="Gain (rel.)", xlabel="Frequency (Hz)")
+    fig.colorbar(image, ax=axes[1:, -1], shrink=0.8, aspect=12, label="Pattern (rel.)")
     return fig
 
 
-def _eeg(decoder, positions):
-    eeg = [positions.ch_names[i] for i in mne.pick_types(positions, eeg=True)]
-    return [name for name in decoder.input_format.channels if name in eeg]
-
-
-def channels_figure(tables, caption=""):
-    """AUROC with different channels, a line per subject.
-
-    Parameters
-    ----------
-    tables : dict of str to DataFrame
-        Label of the channels -> scores.
-    caption : str
-
-    Returns
-    -------
-    matplotlib Figure
-    """
-    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.3))
-    values = np.array([table["auroc"] for table in tables.values()])
-    x = np.arange(len(tables))
-    ax.plot(x, values, color="#BBBBBB", lw=0.8, marker=".", ms=4)
-    ax.plot(x, values.mean(1), color=COLORS["dense"], marker="o", ms=5, label="Mean over subjects")
-    ax.axhline(0.5, color="#888888", lw=0.8, ls=(0, (2, 2)), label="Chance")
-    ax.set_xticks(x, tables)
-    ax.set(ylabel="AUROC", xlim=(-0.3, len(x) - 0.7))
-    ax.legend()
-    note(fig, caption)
+def channels_figure(tables: dict[str, pd.DataFrame]) -> Figure:
+    """AUROC with different channels (name -> scores), a line per subject."""
+    auroc = pd.concat(tables, names=["channels"]).reset_index("channels")
+    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.5))
+    _subject_lines(auroc, ax, "channels", "auroc", COLORS["dense"])
+    ax.axhline(0.5, label="Chance", **REFERENCE)
+    ax.set(xlabel="", ylabel="AUROC", xlim=(-0.3, len(tables) - 0.7))
+    fig.legend(loc="outside upper center", ncols=2)
     return fig
 
 
-def online_update_figure(updates, caption=""):
+def online_update_figure(updates: pd.DataFrame) -> Figure:
     """Accuracy, balanced accuracy and AUROC against the number of fine-tuning events.
 
-    Parameters
-    ----------
-    updates : DataFrame
-        As `finetuning.online_update` returns it.
-    caption : str
-
-    Returns
-    -------
-    matplotlib Figure
+    `updates` is as `finetuning.online_update` returns it.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.1))
-    labels = {"accuracy": "Accuracy", "balanced_accuracy": "Balanced accuracy", "auroc": "AUROC"}
-    for ax, (column, label) in zip(axes, labels.items(), strict=True):
-        lines = updates.pivot(index="n_events", columns="subject", values=column)
-        ax.plot(lines.index, lines, color="#CCCCCC", lw=0.7)
-        ax.plot(lines.index, lines.mean(axis=1), color=COLORS["online"], marker="o", ms=4)
-        ax.set(xlabel="Labelled events of the person, N", ylabel=label, xticks=lines.index)
-    note(fig, caption)
+    for ax, (column, words) in zip(axes, SCORES.items(), strict=True):
+        _subject_lines(updates, ax, "n_events", column, COLORS["online"])
+        ax.set(xlabel="Labelled events of the person, N", ylabel=words)
+        ax.set_xticks(updates["n_events"].unique())
     return fig
+
+
+def _subject_lines(table: pd.DataFrame, ax: Axes, x: str, y: str, color: str) -> None:
+    sns.lineplot(table, x=x, y=y, units="subject", estimator=None, ax=ax, **BEHIND)
+    sns.lineplot(
+        table, x=x, y=y, errorbar=None, ax=ax, color=color, marker="o", ms=5, mew=0,
+        label="Mean over subjects", legend=False,
+    )  # fmt: skip

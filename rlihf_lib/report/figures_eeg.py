@@ -1,141 +1,95 @@
-"""Pictures of the recordings. Each function takes data and optional axes and returns axes."""
+"""Figures of the recordings. Each function takes data, draws, and returns the figure."""
+
+from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import mne
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from rlihf_lib.eeg.erp import confidence_band
 from rlihf_lib.eeg.published import CZ
-from rlihf_lib.report.style import COLORS
+from rlihf_lib.report.style import BEHIND, COLORS, PAGE_WIDTH
 
-#: Light to dark greys of what was dropped, with hatches for print.
-_DROPPED = ("#999999", "#CCCCCC", "#666666", "#E5E5E5")
+# Light to dark greys of what was dropped, hatched for print.
+DROPPED = ("#999999", "#CCCCCC", "#666666", "#E5E5E5")
+MS, UV = 1e3, 1e6  # from s and V
 
 
-def plot_trial_counts(counts, ax=None):
-    """Stacked bars of the epochs of each subject.
+def trial_counts_figure(counts: pd.DataFrame) -> Figure:
+    """Stacked bars of the feedback events of each subject.
 
-    Parameters
-    ----------
-    counts : pandas.DataFrame
-        One row per subject; columns correct, error, and whatever was dropped for.
-    ax : matplotlib Axes, optional
-
-    Returns
-    -------
-    matplotlib Axes
+    `counts` has a row per subject; columns correct, error, and whatever was dropped for.
     """
-    ax = ax or plt.gca()
-    colors = [COLORS["correct"], COLORS["error"], *_DROPPED]
-    bottom = np.zeros(len(counts))
-    for name, color in zip(counts.columns, colors, strict=False):
-        dropped = "" if name in ("correct", "error") else "dropped: "
-        ax.bar(
-            counts.index, counts[name], bottom=bottom, color=color, width=0.75,
-            label=dropped + name, hatch="//" if dropped else None, edgecolor="white", linewidth=0.3,
-        )  # fmt: skip
-        bottom += counts[name].to_numpy()
+    fig, ax = plt.subplots(figsize=(PAGE_WIDTH, 2.2))
+    colors = [COLORS["correct"], COLORS["error"], *DROPPED][: counts.shape[1]]
+    shown = counts.rename(columns=lambda n: n if n in ("correct", "error") else f"dropped: {n}")
+    shown.plot.bar(stacked=True, ax=ax, color=colors, width=0.75, rot=0, ec="white", lw=0.3)
+    for bars in ax.containers[2:]:
+        for bar in bars:
+            bar.set_hatch("//")
     ax.set(xlabel="Subject", ylabel="Feedback events")
     ax.grid(axis="x", visible=False)
     ax.legend(ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return ax
+    return fig
 
 
-def plot_difference_waves(waves, times, channel, ax=None, published=False):
-    """Error-minus-correct waves of the subjects at one channel, their mean and its 95 % band.
+def difference_waves_figure(
+    waves: dict[str, np.ndarray], times: np.ndarray, published: bool = False
+) -> Figure:
+    """Error-minus-correct waves of the subjects, their mean and its 95 % band, a panel a channel.
 
-    Parameters
-    ----------
-    waves : ndarray, shape (n_subjects, n_times)
-        Volts.
-    times : ndarray, shape (n_times,)
-        s.
-    channel : str
-    ax : matplotlib Axes, optional
-    published : bool
-        Mark the intervals of the published wave at Cz at the lower edge.
-
-    Returns
-    -------
-    matplotlib Axes
+    Name of a channel -> volts, shape (n_subjects, n_times), at `times`, s; at the lower edge of Cz
+    the intervals of the `published` wave, if asked.
     """
-    ax = ax or plt.gca()
-    ms, waves = 1000 * times, 1e6 * waves
-    ax.axhline(0, color="black", linewidth=0.5)
-    ax.plot(ms, waves.T, color="#999999", linewidth=0.5, alpha=0.8)
-    mean, low, high = confidence_band(waves)
-    ax.fill_between(ms, low, high, color=COLORS["error"], alpha=0.3, linewidth=0)
-    ax.plot(ms, mean, color=COLORS["error"], linewidth=1.6)
-    if published:
-        low, high = ax.get_ylim()
-        ax.set_ylim(low - 0.08 * (high - low), high)  # room for the marks, below the waves
-        for sign, start, stop in CZ:
-            middle = 500 * (start + stop)
-            ax.axvspan(
-                1000 * start, 1000 * stop, ymax=0.07, facecolor="0.85" if sign > 0 else "0.6"
-            )
-            ax.text(
-                middle, 0.035, "+" if sign > 0 else "−", transform=ax.get_xaxis_transform(),
-                ha="center", va="center", fontsize=7,
-            )  # fmt: skip
-    ax.set(title=channel, xlabel="Time after feedback (ms)", xlim=(ms[0], ms[-1]))
-    return ax
+    fig, axes = plt.subplots(1, len(waves), figsize=(PAGE_WIDTH, 2.2), sharey=True, squeeze=False)
+    for ax, (channel, values) in zip(axes[0], waves.items(), strict=True):
+        ax.axhline(0, color="black", linewidth=0.5)
+        ax.plot(MS * times, UV * values.T, **BEHIND)
+        mean, low, high = confidence_band(UV * values)
+        ax.fill_between(MS * times, low, high, color=COLORS["error"], alpha=0.3, linewidth=0)
+        ax.plot(MS * times, mean, color=COLORS["error"], linewidth=1.6)
+        ax.set(title=channel, xlabel="Time after feedback (ms)")
+        ax.set_xlim(MS * times[0], MS * times[-1])
+        if published and channel == "Cz":
+            _mark_published(ax)
+    axes[0, 0].set_ylabel("Error − correct (µV)")
+    return fig
 
 
-def plot_topographies(evoked, times, axes=None):
-    """Scalp maps of an evoked response.
-
-    Parameters
-    ----------
-    evoked : mne.Evoked
-        EEG channels with positions; volts.
-    times : sequence of float
-        s, one map each.
-    axes : sequence of matplotlib Axes, optional
-        One more than `times`: the last takes the colour bar.
-
-    Returns
-    -------
-    sequence of matplotlib Axes
-    """
-    if axes is None:
-        _, axes = plt.subplots(
-            1, len(times) + 1, width_ratios=[1] * len(times) + [0.07],
-            figsize=(1.3 * len(times) + 0.6, 1.6),
+def _mark_published(ax: Axes) -> None:
+    low, high = ax.get_ylim()
+    ax.set_ylim(low - 0.08 * (high - low), high)  # room for the marks, below the waves
+    for sign, start, stop in CZ:
+        ax.axvspan(MS * start, MS * stop, ymax=0.07, facecolor="0.85" if sign > 0 else "0.6")
+        ax.text(
+            MS * (start + stop) / 2, 0.035, "+" if sign > 0 else "−", fontsize=7,
+            transform=ax.get_xaxis_transform(), ha="center", va="center",
         )  # fmt: skip
-    values = np.stack([evoked.data[:, np.abs(evoked.times - t).argmin()] for t in times]) * 1e6
+
+
+def topographies_figure(evoked: mne.Evoked, times: Sequence[float]) -> Figure:
+    """Scalp maps of an error-minus-correct wave, one per time (s)."""
+    fig, axes = plt.subplots(1, len(times), figsize=(1.3 * len(times) + 0.6, 1.6), squeeze=False)
+    values = np.stack([evoked.data[:, np.abs(evoked.times - t).argmin()] for t in times]) * UV
     limit = np.abs(values).max()
-    for ax, value, time in zip(axes, values, times, strict=False):
+    for ax, value, time in zip(axes[0], values, times, strict=True):
         image, _ = mne.viz.plot_topomap(
             value, evoked.info, axes=ax, show=False, vlim=(-limit, limit), cmap="RdBu_r", contours=4
         )
-        ax.set_title(f"{1000 * time:.0f} ms")
-    bar = plt.colorbar(image, cax=axes[len(times)])
-    bar.set_label("Error − correct (µV)")
-    return axes
+        ax.set_title(f"{MS * time:.0f} ms")
+    fig.colorbar(image, ax=axes, label="Error − correct (µV)")
+    return fig
 
 
-def plot_spectra(spectra, band, ax=None):
-    """Power spectral densities, median over channels.
-
-    Parameters
-    ----------
-    spectra : dict
-        Name -> mne.time_frequency.Spectrum.
-    band : (float, float)
-        Edges of the band-pass, Hz, shaded.
-    ax : matplotlib Axes, optional
-
-    Returns
-    -------
-    matplotlib Axes
-    """
-    ax = ax or plt.gca()
+def spectra_figure(spectra: pd.DataFrame, band: tuple[float, float]) -> Figure:
+    """Power densities, a column of µV²/Hz per signal, against the index, Hz; `band` is shaded."""
+    fig, ax = plt.subplots(figsize=(PAGE_WIDTH / 2, 2.2))
     ax.axvspan(*band, color="#F0F0F0", zorder=0)
-    styles = (("#7F7F7F", "-"), (COLORS["correct"], "--"))
-    for (name, spectrum), (color, line) in zip(spectra.items(), styles, strict=False):
-        power = np.median(spectrum.get_data(picks="eeg"), axis=0) * 1e12
-        ax.plot(spectrum.freqs, 10 * np.log10(power), line, color=color, label=name)
+    decibels = 10 * np.log10(spectra)
+    decibels.plot(ax=ax, style=["-", "--"], color=["#7F7F7F", COLORS["correct"]])
     ax.set(xlabel="Frequency (Hz)", ylabel="Power density\n(dB re 1 µV²/Hz)")
     ax.legend(loc="upper right")
-    return ax
+    return fig

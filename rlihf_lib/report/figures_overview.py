@@ -1,12 +1,12 @@
 """Fig. 2, the way from an error potential to a policy, drawn from this study's own data."""
 
 import matplotlib.pyplot as plt
-import pandas as pd
 import seaborn as sns
 from matplotlib.figure import Figure
 
-from rlihf_lib.report.figures_policy import group_curve
-from rlihf_lib.report.style import COLORS, PAGE_WIDTH, note
+from rlihf_lib.report import paper
+from rlihf_lib.report.figures_policy import SHARE, group_curves
+from rlihf_lib.report.style import COLORS, PAGE_WIDTH
 
 TITLES = (
     "A person watches  →",
@@ -16,47 +16,52 @@ TITLES = (
 )
 
 
-def overview_figure(scene, waves, p_error, runs, caption="") -> Figure:
+def overview_figure(scene, waves, p_error, runs) -> Figure:
     """Draw the loop of the paper: scene, error potential, p(error) as reward, learning.
 
     Parameters
     ----------
-    scene : ndarray, shape (height, width, 3)
+    scene : ndarray, shape (height, width, 3), or None
         Picture of the robot, from `figures_task.scene`.
     waves : DataFrame
-        Error-minus-correct wave at Cz of each person, uV, a column each, and time in s.
+        Error-minus-correct waves, uV, a column each person, with channel and time in s: the table
+        `difference_waves` of notebook 01. Drawn is Cz, or the first channel where there is none.
     p_error : DataFrame
         From `Study.p_error`.
     runs : DataFrame
         Of the main comparison, from `evaluations.load_runs`.
-    caption : str
     """
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 1.9), width_ratios=[1.2, 1, 1, 1])
     robot, brain, decoder, policy = axes
-    width = scene.shape[1]
-    robot.imshow(scene[:, width // 10 : 9 * width // 10])
     robot.axis("off")
+    if scene is None:
+        robot.text(0.5, 0.5, "no OpenGL library here", ha="center", fontsize=7)
+    else:
+        width = scene.shape[1]
+        robot.imshow(scene[:, width // 10 : 9 * width // 10])
     _wave(brain, waves)
     _reward(decoder, p_error)
-    for group in ("sparse", "dense", "rlihf"):
-        group_curve(runs, policy, group, "success")
-    policy.set(xlabel="Steps (thousands)", ylabel="Success rate", ylim=(-0.03, 1.55))
+    group_curves(runs, policy, paper.CONDITIONS, "success")
+    policy.set(xlabel="Steps (thousands)", ylabel="Success rate", ylim=(SHARE[0], 1.55))
     policy.set_yticks([0, 0.5, 1])
     policy.legend(fontsize=6, loc="upper left")
     for ax, title in zip(axes, TITLES, strict=True):
         ax.set_title(title, fontweight="bold", loc="left")
-    note(fig, caption)
     return fig
 
 
 def _wave(ax, waves):
     """Each person's difference wave and their mean."""
-    people = waves.drop(columns="time")
+    channel = "Cz" if "Cz" in set(waves["channel"]) else waves["channel"].iloc[0]
+    waves = waves[waves["channel"] == channel]
+    people = waves.drop(columns=["channel", "time"])
     milliseconds = 1000 * waves["time"]
     ax.plot(milliseconds, people, color="#BBBBBB", lw=0.5)
     ax.plot(milliseconds, people.mean(axis=1), color=COLORS["error"], lw=1.6)
     ax.axhline(0, color="#555555", lw=0.5)
-    ax.set(xlabel="Time after the error (ms)", ylabel="Error - correct, Cz (µV)", xlim=(0, 800))
+    ax.set(
+        xlabel="Time after the error (ms)", ylabel=f"Error - correct, {channel} (µV)", xlim=(0, 800)
+    )
 
 
 def _reward(ax, p_error):
@@ -70,8 +75,3 @@ def _reward(ax, p_error):
     legend = ax.get_legend()
     legend.set_title("the robot was")
     sns.move_legend(ax, "upper center", fontsize=6, title_fontsize=6)
-
-
-def cz_waves(table: pd.DataFrame) -> pd.DataFrame:
-    """Pick the waves at Cz from the table `difference_waves` of notebook 01."""
-    return table[table["channel"] == "Cz"].drop(columns="channel")

@@ -1,17 +1,22 @@
-"""Fig. 3, the task as a rendering beside a labelled top view, and the paths executed in it."""
+"""Fig. 3, the task as a rendering beside a labelled top view; paths executed in it; films."""
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
-from rlihf_lib.report.style import COLORS, LABELS, PAGE_WIDTH, note
-from rlihf_lib.rl.observer import AT_EASE_CLEARANCE, UNEASY_CLEARANCE
-from rlihf_lib.task.rendering import render
+from rlihf_lib.report.saving import enter, hash_sources, manifest
+from rlihf_lib.report.style import COLORS, LABELS, PAGE_WIDTH
+from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.rendering import film, render
 from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
 OBJECT_COLOURS = {
@@ -24,65 +29,57 @@ OBJECT_COLOURS = {
 }
 # World axes drawn to the right and upwards; from above, x points away from the robot, downwards.
 FROM_ABOVE, FROM_FRONT = (1, 0), (1, 2)
-# Zones round obstacles, outer one first: metres, what their outline means, greys of both.
-ZONES = (
-    (AT_EASE_CLEARANCE, "people at ease", "#F6F6F6", "#A8A8A8"),
-    (UNEASY_CLEARANCE, "too close", "#E9E9E9", "#555555"),
-)
+ZONE_GREYS = (("#F6F6F6", "#A8A8A8"), ("#E9E9E9", "#555555"))  # inside and outline, outer first
+FILM_STEPS = 80  # control steps of a film, 0.1 s each
 HALO = [withStroke(linewidth=1.5, foreground="white")]
 
 
-def task_figure(seed=0):
-    """Draw the scene of one placement: rendering where OpenGL is available, and top view.
-
-    Parameters
-    ----------
-    seed : int
-        Of the placement.
-
-    Returns
-    -------
-    Figure
-    """
-    from rlihf_lib.task.gym_env import PickPlaceEnv
-
+def task_figure(seed: int = 0) -> Figure:
+    """Draw a placement of the scene: rendered, where OpenGL is available, and from above."""
     env = PickPlaceEnv()
     env.reset(seed=seed)
-    with tempfile.TemporaryDirectory() as folder:
-        picture = Path(folder) / "scene.png"
-        backend = render(picture, seed)
-        pixels = plt.imread(picture) if backend else None
+    pixels = scene(seed)
     if pixels is None:
-        figure, top = plt.subplots(figsize=(3.5, 3.2), layout="constrained")
+        figure, top = plt.subplots(figsize=(3.5, 3.2))
         top.set_title("top view (no OpenGL library here: drawn, not rendered)", fontsize=7)
     else:
-        figure, (left, top) = plt.subplots(
-            1, 2, figsize=(7.16, 2.9), layout="constrained", width_ratios=[1.3, 1]
-        )
+        figure, (left, top) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.9), width_ratios=[1.3, 1])
         left.imshow(pixels)
         left.axis("off")
     top_view(env, top)
+    top.legend(fontsize=6, loc="lower center", ncols=1)
     return figure
 
 
-def silhouettes(workspace, name, view, margin=0.0):
-    """Outlines of an object's collision shapes as seen along a world axis.
+def scene(seed: int = 0) -> np.ndarray | None:
+    """Render a placement; None without an OpenGL library."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "scene.png"
+        return plt.imread(picture) if render(picture, seed) else None
 
-    Parameters
-    ----------
-    workspace : Workspace
-        A fast one, whose shapes are boxes, cylinders and ellipsoids.
-    name : str
-        Of an object, or "goal".
-    view : tuple of int
-        The two world axes to draw, 0 to 2.
-    margin : float
-        Metres by which the outlines lie outside the shapes.
 
-    Yields
-    ------
-    ndarray, shape (360, 2)
-        Corners, metres.
+def save_film(recording, study, name: str, notebook: str, sources) -> Path | None:
+    """Save a film of an `evaluation.Recording` as GIF; other arguments as of `save_figure`.
+
+    Rendering takes half a minute without a graphics card, so a film of the same sources is kept.
+    Returns None where no OpenGL library can render it.
+    """
+    hashes = hash_sources(study, name, sources)
+    path = study.figures / f"{name}.gif"
+    if path.is_file() and manifest(study).get(name, {}).get("sources") == hashes:
+        return path
+    if not film(path, recording.qpos[:FILM_STEPS], recording.seed):
+        return None
+    enter(study, name, notebook, hashes)
+    return path
+
+
+def silhouettes(workspace, name: str, view: tuple, margin: float = 0.0) -> Iterator[np.ndarray]:
+    """Outlines of an object's collision shapes, or of the goal, as seen along a world axis.
+
+    Of a fast `Workspace`, whose shapes are boxes, cylinders and ellipsoids. `view` are the two
+    world axes to draw; outlines lie `margin` metres outside the shapes. Yields corners, metres,
+    shape (360, 2).
     """
     model, data = workspace.sim.model._model, workspace.sim.data._data
     angle = np.radians(np.arange(360) + 0.5)
@@ -110,110 +107,84 @@ def _farthest(kind, size, along):
     return np.column_stack([size[0] * radial, size[1] * np.sign(along[:, 2])])
 
 
-def top_view(env, ax=None):
-    """Draw objects, goal and ideal path from above, as a person facing the robot sees them.
-
-    Parameters
-    ----------
-    env : PickPlaceEnv
-        Reset.
-    ax : Axes, optional
-
-    Returns
-    -------
-    Axes
-    """
-    ax, path = ax or plt.gca(), env.path
-    for name, colour in OBJECT_COLOURS.items():
-        for outline in silhouettes(env.workspace, name, FROM_ABOVE):
-            ax.add_patch(Polygon(outline, color=colour, alpha=0.8, lw=0, gid=name))
-        beside = name in ("bottle", "cereal")  # which stand one behind the other
-        y, x = (outline.max(axis=0) + outline.min(axis=0)) / 2
+def top_view(env: PickPlaceEnv, ax: Axes) -> None:
+    """Draw objects, goal and ideal path from above, as a person facing the robot sees them."""
+    _draw_scene(env, ax, FROM_ABOVE, alpha=0.8)
+    for name in OBJECT_COLOURS:
+        *_, outline = silhouettes(env.workspace, name, FROM_ABOVE)
+        (left, far), (right, near) = outline.min(axis=0), outline.max(axis=0)
+        if name in ("bottle", "cereal"):  # which stand one behind the other
+            place, offset, align = (right, (far + near) / 2), (2, 0), ("left", "center")
+        else:
+            place, offset, align = ((left + right) / 2, near), (0, -2), ("center", "top")
         ax.annotate(
-            name,
-            (outline[:, 0].max(), x) if beside else (y, outline[:, 1].max()),
-            xytext=(2, 0) if beside else (0, -2),
-            textcoords="offset points",
-            ha="left" if beside else "center",
-            va="center" if beside else "top",
-            fontsize=7,
+            name, place, offset, textcoords="offset points", ha=align[0], va=align[1], fontsize=7,
             path_effects=HALO,
-        )
-    ax.plot(path.reach[:, 1], path.reach[:, 0], "k:", lw=1, label="ideal path to the can")
-    ax.plot(path.carry[:, 1], path.carry[:, 0], "k--", lw=1, label="ideal path with the can")
-    ax.plot(*path.reach[0, 1::-1], "k^", ms=5, label="hand at the start")
-    ax.set(xlabel="y (m)", ylabel="x, away from the robot (m)", aspect="equal")
-    ax.set(xlim=(-0.32, 0.32), ylim=(0.27, -0.32))
-    ax.legend(fontsize=6, loc="lower center", frameon=False, ncols=1)
-    return ax
-
-
-def paths_figure(env, recordings, caption):
-    """Draw executed paths of the hand among the obstacles, from above and from the side.
-
-    Parameters
-    ----------
-    env : PickPlaceEnv
-        Reset to the placement of the recordings.
-    recordings : dict of str to list of rlihf_lib.rl.evaluation.Recording
-        Of each condition, one per run, all of the same placement.
-    caption : str
-
-    Returns
-    -------
-    Figure
-    """
-    figure, (top, side) = plt.subplots(
-        1, 2, figsize=(PAGE_WIDTH, 3.5), layout="constrained", width_ratios=[1, 1.1]
-    )
-    top_view(env, top)
-    top.get_legend().remove()
-    _side_view(env, side)
-    _draw_zones(env.workspace, top)
-    top.set_ylim(0.2, -0.32)
-    for condition, runs in recordings.items():
-        for run in runs:
-            style = {"color": COLORS[condition], "lw": 1, "alpha": 0.8}
-            top.plot(run.hand[:, 1], run.hand[:, 0], **style)
-            side.plot(run.hand[:, 1], run.hand[:, 2], **style)
-            end = {"color": COLORS[condition], "marker": "*" if run.success else "x", "ms": 6}
-            top.plot(*run.hand[-1, 1::-1], **end)
-            side.plot(*run.hand[-1, 1:], **end)
-        placed = sum(run.success for run in runs)
-        label = f"{LABELS[condition]}: {placed} of {len(runs)} runs place the can"
-        top.plot([], [], color=COLORS[condition], label=label)
-    for metres, meaning, _, grey in reversed(ZONES):
-        label = f"{100 * metres:.0f} cm from obstacles: {meaning}"
-        top.plot([], [], color=grey, lw=0.9, ls=":", label=label)
-    figure.legend(loc="outside upper center", ncols=3, fontsize=6)
-    note(
-        figure,
-        f"hand of the policies at the end of training; star: can placed, cross: not · {caption}",
-    )
-    return figure
+        )  # fmt: skip
+    ax.plot(*env.path.reach[0, 1::-1], "k^", ms=5, label="hand at the start")
+    ax.set(ylabel="x, away from the robot (m)", ylim=(0.27, -0.32))
 
 
 def _side_view(env, ax):
     """Draw the scene as seen from the robot's front: across the table and up."""
-    for name, colour in OBJECT_COLOURS.items():
-        for outline in silhouettes(env.workspace, name, FROM_FRONT):
-            ax.add_patch(Polygon(outline, color=colour, alpha=0.5, lw=0, gid=name))
+    _draw_scene(env, ax, FROM_FRONT, alpha=0.5)
+    for name in OBJECT_COLOURS:
         below = 0.035 if name in ("lemon", "bottle", "goal") else 0.015  # neighbours' names
         y = env.workspace.placement[name][1]
         ax.text(y, TABLE_HEIGHT - below, name, fontsize=6, ha="center", va="top")
     ax.axhline(TABLE_HEIGHT, color="k", lw=0.6)
-    ax.plot(env.path.reach[:, 1], env.path.reach[:, 2], "k:", lw=1)
-    ax.plot(env.path.carry[:, 1], env.path.carry[:, 2], "k--", lw=1)
-    ax.set(xlabel="y (m)", ylabel="height z (m)", aspect="equal", xlim=(-0.32, 0.32))
-    ax.set_ylim(TABLE_HEIGHT - 0.07, TABLE_HEIGHT + 0.4)
+    ax.set(ylabel="height z (m)", ylim=(TABLE_HEIGHT - 0.07, TABLE_HEIGHT + 0.4))
 
 
-def _draw_zones(workspace, ax):
-    """Outline where the robot is too close to an obstacle, and where people aren't at ease."""
-    for order, (metres, _, inside, grey) in enumerate(ZONES):
+def _draw_scene(env, ax, view, alpha):
+    """Draw objects, goal and ideal path as seen along a world axis."""
+    for name, colour in OBJECT_COLOURS.items():
+        for outline in silhouettes(env.workspace, name, view):
+            ax.add_patch(Polygon(outline, color=colour, alpha=alpha, lw=0, gid=name))
+    for part, dashes, label in ((env.path.reach, ":", "to"), (env.path.carry, "--", "with")):
+        ax.plot(*part[:, view].T, "k" + dashes, lw=1, label=f"ideal path {label} the can")
+    ax.set(xlabel="y (m)", aspect="equal", xlim=(-0.32, 0.32))
+
+
+def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[float, str]) -> Figure:
+    """Draw executed paths of the hand among the obstacles, from above and from the side.
+
+    Of each condition an `evaluation.Recording` per run, all of the placement to which `env` is
+    reset. `zones` are two distances from obstacles, metres, and what they mean to the observer.
+    """
+    figure, (top, side) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.5), width_ratios=[1, 1.1])
+    top_view(env, top)
+    _side_view(env, side)
+    _draw_zones(env.workspace, top, sorted(zones, reverse=True))
+    top.set_ylim(0.2, -0.32)
+    for condition, runs in recordings.items():
+        style = {"color": COLORS[condition], "lw": 1, "alpha": 0.8}
+        for run in runs:
+            end = {"color": COLORS[condition], "marker": "*" if run.success else "x", "ms": 6}
+            for ax, seen in ((top, run.hand[:, 1::-1]), (side, run.hand[:, 1:])):
+                ax.plot(*seen.T, **style)
+                ax.plot(*seen[-1], **end)
+        placed = sum(run.success for run in runs)
+        label = f"{LABELS[condition]}: {placed} of {len(runs)} runs place the can"
+        top.plot([], [], color=COLORS[condition], label=label)
+    for metres, (_, grey) in zip(sorted(zones), reversed(ZONE_GREYS), strict=True):
+        label = f"{100 * metres:.0f} cm from obstacles: {zones[metres]}"
+        top.plot([], [], color=grey, lw=0.9, ls=":", label=label)
+    figure.legend(
+        *top.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=6,
+        title_fontsize=6,
+        title="Hand of the policies at the end of training; star: can placed, cross: not",
+    )  # fmt: skip
+    return figure
+
+
+def _draw_zones(workspace, ax, distances):
+    """Outline all that is nearer to an obstacle than each distance, largest first."""
+    for order, (metres, (inside, grey)) in enumerate(zip(distances, ZONE_GREYS, strict=True)):
         zones = [z for o in OBSTACLES for z in silhouettes(workspace, o, FROM_ABOVE, metres)]
         # Insides over the outlines: zones that overlap have one outline.
-        for number, style in enumerate(({"ec": grey, "lw": 1.6, "ls": ":"}, {"lw": 0})):
+        for number, width in enumerate((1.6, 0)):
+            look: dict[str, Any] = {"fc": inside, "ec": grey, "lw": width, "ls": ":"}
+            look |= {"zorder": 0.6 + 0.1 * order + 0.05 * number, "gid": f"{metres} m"}
             for zone in zones:
-                zorder = 0.6 + 0.1 * order + 0.05 * number
-                ax.add_patch(Polygon(zone, fc=inside, zorder=zorder, gid=f"{metres} m", **style))
+                ax.add_patch(Polygon(zone, **look))

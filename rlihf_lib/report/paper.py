@@ -30,14 +30,8 @@ _TABLE_I = {
 }
 
 
-def table_1():
-    """Return Table I of the paper.
-
-    Returns
-    -------
-    DataFrame
-        Columns phase, group, metric, paper_mean, paper_sd; 27 rows.
-    """
+def table_1() -> pd.DataFrame:
+    """Return Table I: phase, group, metric, paper_mean, paper_sd; 27 rows."""
     return pd.DataFrame(
         [
             (phase, group, metric, *values)

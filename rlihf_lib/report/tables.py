@@ -1,5 +1,6 @@
-"""Tables: Table I and its companions, from the runs' `eval.csv`."""
+"""Tables: Table I and its companions, from what `evaluations.load_runs` returns."""
 
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -7,16 +8,7 @@ import pandas as pd
 
 from rlihf_lib.report import paper
 from rlihf_lib.report import statistics as st
-from rlihf_lib.report.evaluations import (
-    LOWER_IS_BETTER,
-    METRICS,
-    RANGES,
-    UNBOUNDED,
-    add_phase,
-    late_scores,
-    size,
-    units,
-)
+from rlihf_lib.report.evaluations import METRICS, RANGES, late_scores, size, units
 from rlihf_lib.report.style import label, ordered
 
 SPREAD = (
@@ -28,46 +20,29 @@ TESTED = (
     "the smallest that could come out at this n; Holm: corrected for all tests of the table"
 )
 NO_INTERVAL = ", no interval"
-P_VALUES = {
-    "p": "p",
-    "p_holm": "p, Holm",
-    "p_equivalent": "p, equivalent",
-    "p_equivalent_holm": "p, equivalent, Holm",
-}
+LOWER_IS_BETTER = ("path_deviation", "collisions")
+P_VALUES = ("p", "p_holm", "p_equivalent", "p_equivalent_holm")
 DIGITS = {"return": 0, "min_clearance": 3}  # of the others: 2
 
 
-def summarise(runs, by, metrics=METRICS):
-    """Summarise metrics for every group of runs.
+def summarise(runs: pd.DataFrame, by: list[str], metrics: Sequence[str] = METRICS) -> pd.DataFrame:
+    """Summarise metrics for every group of runs, named by columns such as ["phase", "group"].
 
-    Parameters
-    ----------
-    runs : DataFrame
-        From `evaluations.load_runs`.
-    by : list of str
-        Columns that name a group, such as ["phase", "group"].
-    metrics : sequence of str
-
-    Returns
-    -------
-    DataFrame
-        One row per group and metric: mean and sd (n - 1) over evaluation points (the mean of a
-        point's rollouts, as the paper's spread suggests), ci_low and ci_high (95 % interval of the
-        mean over people and seeds), iqm over runs, iqm_low, iqm_high; n, in words; n_runs,
-        n_points. Without an interval (`statistics.MIN_UNITS`), its ends are empty.
+    A row per group and metric: mean and sd (n - 1) over evaluation points (the mean of a point's
+    rollouts, as the paper's spread suggests), ci_low and ci_high (95 % interval of the mean over
+    people and seeds), iqm over runs, iqm_low, iqm_high; n, in words; n_runs, n_points. Without an
+    interval (`statistics.MIN_UNITS`), its ends are empty.
     """
     metrics = list(metrics)
-    point = list(dict.fromkeys([*by, "run", "subject", "step"]))
-    if "group" in by:
-        runs = runs.assign(group=pd.Categorical(runs["group"], ordered(runs["group"])))
-    points = runs.groupby(point, observed=True)[metrics].mean().reset_index()
+    runs = runs.assign(group=pd.Categorical(runs["group"], ordered(runs["group"])))
+    points = runs.groupby([*by, "run", "subject", "step"], observed=True)[metrics].mean()
     rows = []
-    for keys, group in points.groupby(by, observed=True):
+    for keys, group in points.reset_index().groupby(by, observed=True):
         per_run = group.groupby(["subject", "run"])[metrics].mean().reset_index()
         for metric in metrics:
-            scores, bounds = units(per_run, metric), RANGES.get(metric, UNBOUNDED)
-            low, high = st.mean_interval(np.nanmean(scores, axis=1), bounds)
-            iqm_low, iqm_high = st.iqm_interval(scores, bounds)
+            scores = units(per_run, metric)
+            low, high = st.mean_interval(np.nanmean(scores, axis=1), RANGES[metric])
+            iqm_low, iqm_high = st.iqm_interval(scores, RANGES[metric])
             rows.append(
                 {
                     **dict(zip(by, keys, strict=True)), "metric": metric,
@@ -82,135 +57,87 @@ def summarise(runs, by, metrics=METRICS):
     return pd.DataFrame(rows)
 
 
-def table_1(runs, total_steps):
+def late_table(runs: pd.DataFrame, by: Iterable[str] = ("group",)) -> pd.DataFrame:
+    """`summarise` the late phase, also by weight of human feedback (Fig. 6 as numbers)."""
+    return summarise(runs[runs["phase"] == "Late"], list(by))
+
+
+def table_1(runs: pd.DataFrame) -> pd.DataFrame:
     """Table I: phases by methods, with the paper's values in the columns paper_mean, paper_sd.
 
-    Returns
-    -------
-    DataFrame
-        Rows of `summarise` for every phase, group and metric of the paper, then those of the groups
-        that the paper hasn't.
+    Rows of `summarise` for every phase, group and metric of the paper, then those of the groups
+    that the paper hasn't.
     """
-    ours = summarise(add_phase(runs, total_steps), ["phase", "group"], paper.METRICS)
+    ours = summarise(runs, ["phase", "group"], paper.METRICS)
     ours["phase"] = ours["phase"].astype(str)
     beside = paper.table_1().merge(ours, on=["phase", "group", "metric"], how="left")
     return pd.concat([beside, ours[~ours["group"].isin(paper.CONDITIONS)]], ignore_index=True)
 
 
-def show_table_1(table):
-    """Lay `table_1` out like the paper: a row per phase and method, ours and the paper's beside.
+def show_table_1(table: pd.DataFrame) -> pd.DataFrame:
+    """Lay `table_1` out like the paper, whose numbers stand beside ours.
 
-    Returns
-    -------
-    DataFrame
-        Strings, ready to be shown or saved; the index says which rows are supplementary.
+    Strings, a row per phase and method; the index says which rows are supplementary.
     """
-    rows, blocks = [], []
-    for (phase, group), cells in table.groupby(["phase", "group"], sort=False):
-        row = {"phase": phase, "method": label(group)}
-        for cell in cells.itertuples():
-            name, known = cell.metric.replace("_", " "), pd.notna(cell.paper_mean)
-            row[name] = show(cell)
-            row[f"{name}, paper"] = f"{cell.paper_mean:.2f} ± {cell.paper_sd:.2f}" if known else ""
-        row["n"] = cells["n"].iloc[0]
-        rows.append(row)
-        blocks.append("as in the paper" if group in paper.CONDITIONS else "supplementary")
-    return pd.DataFrame(rows, index=blocks)
+    columns = [name for metric in paper.METRICS for name in (metric, f"{metric}, paper")]
+    shown = show_summary(table, ["phase", "group"], columns)
+    known = shown["method"].isin([label(group) for group in paper.CONDITIONS])
+    return shown.set_axis(np.where(known, "as in the paper", "supplementary"))
 
 
-def show(cell):
-    """Format a row of `summarise`: "0.54 ± 0.45 [0.31, 0.74]"."""
-    if np.isnan(cell.mean):
-        return "not run"
-    spread = "" if np.isnan(cell.sd) else f" ± {cell.sd:.{DIGITS.get(cell.metric, 2)}f}"
-    return number(cell.mean, cell.metric) + spread + between(cell.ci_low, cell.ci_high, cell.metric)
+def show_summary(table: pd.DataFrame, by: list[str], columns: Iterable[str]) -> pd.DataFrame:
+    """Lay rows of `summarise` out as strings: a row per group, named by `by`, and its n.
 
-
-def number(value, metric):
-    """Format a value of a metric with its digits; no minus before zero."""
-    return f"{value:z.{DIGITS.get(metric, 2)}f}"
-
-
-def between(low, high, metric):
-    """Format an interval: " [0.31, 0.74]", or nothing where there is none."""
-    return "" if np.isnan(low) else f" [{number(low, metric)}, {number(high, metric)}]"
-
-
-def show_summary(table, by, metrics):
-    """Lay rows of `summarise` out with one column per metric.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `summarise`.
-    by : list of str
-        Its group columns.
-    metrics : sequence of str
-        Those shown; "iqm return" shows the interquartile mean.
-
-    Returns
-    -------
-    DataFrame
-        Strings.
+    A column is "success", 0.54 ± 0.45 [0.31, 0.74]; "iqm success", the interquartile mean with its
+    interval; or "success, paper".
     """
     rows = []
     for keys, cells in table.groupby(by, sort=False, observed=True):
-        by_metric = {cell.metric: cell for cell in cells.itertuples()}
-        row = {k: label(v) if k == "group" else v for k, v in zip(by, keys, strict=True)}
-        for name in metrics:
-            cell = by_metric[name.removeprefix("iqm ")]
-            robust = number(cell.iqm, cell.metric)
-            robust += between(cell.iqm_low, cell.iqm_high, cell.metric)
-            row[name.replace("_", " ")] = robust if name.startswith("iqm ") else show(cell)
+        named = zip(by, keys, strict=True)
+        row = {name.replace("group", "method"): label(value) for name, value in named}
+        known = {cell.metric: cell for cell in cells.itertuples()}
+        for name in columns:
+            metric = name.removeprefix("iqm ").removesuffix(", paper")
+            cell = known[metric]
+            if name.endswith(", paper"):
+                text = _text(metric, cell.paper_mean, cell.paper_sd)
+            elif name.startswith("iqm "):
+                text = _text(metric, cell.iqm, low=cell.iqm_low, high=cell.iqm_high)
+            else:
+                text = _text(metric, cell.mean, cell.sd, cell.ci_low, cell.ci_high) or "not run"
+            row[name.replace("_", " ")] = text
         rows.append({**row, "n": cells["n"].iloc[0]})
     return pd.DataFrame(rows)
 
 
-def late_table(runs, total_steps, by=("group",)):
-    """Late phase of every group, or also of every weight of human feedback (Fig. 6 as numbers).
-
-    Returns
-    -------
-    DataFrame
-        Rows of `summarise`.
-    """
-    return summarise(add_phase(runs, total_steps).query("phase == 'Late'"), list(by))
+def _text(metric, value, sd=np.nan, low=np.nan, high=np.nan):
+    """Format "0.54 ± 0.45 [0.31, 0.74]", or what there is of it; no minus before zero."""
+    numbers = (f"{x:z.{DIGITS.get(metric, 2)}f}" for x in (value, sd, low, high))
+    parts = zip(("{}", " ± {}", " [{}", ", {}]"), numbers, strict=True)
+    return "".join(part.format(number) for part, number in parts if number != "nan")
 
 
-def compare(first, second, metric, equivalence=False):
-    """Compare two groups of runs, over the people whom both know.
+def compare(
+    first: pd.DataFrame, second: pd.DataFrame, metric: str, equivalence: bool = False
+) -> dict:
+    """Compare two groups of `evaluations.late_scores`, over the people whom both know.
 
     Where both know two people or more, they are paired; the seeds of one person, or of a baseline
-    that knows none, are not, for five pairs of seeds can't get below p = .06.
-
-    Parameters
-    ----------
-    first, second : DataFrame
-        From `evaluations.late_scores`.
-    metric : str
-    equivalence : bool
-        Test whether they are equal, too.
-
-    Returns
-    -------
-    dict
-        metric; n, in words; what `statistics.difference` and `statistics.improvement` say;
-        p_equivalent and smallest_p_equivalent (`statistics.equivalence_test`) if asked.
+    that knows none, are not, for five pairs of seeds can't get below p = .06. Returns metric; n, in
+    words; what `statistics.difference` and `statistics.improvement` say; if asked, p_equivalent and
+    smallest_p_equivalent (`statistics.equivalence_test`).
     """
     shared = (set(first["person"]) & set(second["person"])) - {""}
     if shared:
         first, second = (g[g["person"].isin(shared)] for g in (first, second))
     paired = len(shared) > 1
     x, y = units(first, metric), units(second, metric)
-    low, high = RANGES.get(metric, UNBOUNDED)
+    low, high = RANGES[metric]
     better = -1 if metric in LOWER_IS_BETTER else 1
-    row = {
-        "metric": metric,
-        "n": f"{len(x)} people, paired" if paired else f"{size(first)} and {size(second)}",
-        **st.difference(x, y, paired, (low - high, high - low)),
-        **st.improvement(better * x, better * y, paired),
-    }
-    row["n"] += "" if np.isfinite(row["ci_low"]) else NO_INTERVAL
+    found = st.difference(x, y, paired, (low - high, high - low))
+    n = f"{len(x)} people, paired" if paired else f"{size(first)} and {size(second)}"
+    n += "" if np.isfinite(found["ci_low"]) else NO_INTERVAL
+    row = {"metric": metric, "n": n, **found, **st.improvement(better * x, better * y, paired)}
     if equivalence:
         p = st.equivalence_test(np.nanmean(x, axis=1), np.nanmean(y, axis=1), paired)
         row["p_equivalent"], row["smallest_p_equivalent"] = p
@@ -218,21 +145,16 @@ def compare(first, second, metric, equivalence=False):
 
 
 def comparison_table(
-    runs,
-    total_steps,
-    others=("sparse", "dense"),
-    metrics=("success", "return", *paper.METRICS[1:]),
-):
+    runs: pd.DataFrame,
+    others: Iterable[str] = ("sparse", "dense"),
+    metrics: Iterable[str] = ("success", "return", *paper.METRICS[1:]),
+) -> pd.DataFrame:
     """Compare RLIHF with other groups in the late phase: one family of tests.
 
-    Success is also tested for being equal to that of dense reward, as the paper claims.
-
-    Returns
-    -------
-    DataFrame
-        Columns comparison, those of `compare`, p_holm and smallest_p_holm.
+    Success is also tested for being equal to that of dense reward, as the paper claims. Columns
+    comparison, those of `compare`, p_holm and smallest_p_holm.
     """
-    late = dict(list(late_scores(runs, total_steps).groupby("group")))
+    late = dict(list(late_scores(runs).groupby("group")))
     return _family(
         {
             "comparison": f"{label('rlihf')} - {label(other)}",
@@ -243,70 +165,57 @@ def comparison_table(
     )
 
 
-def weight_comparison(runs, total_steps, metrics=("return", "success")):
+def weight_comparison(runs: pd.DataFrame) -> pd.DataFrame:
     """Compare every two weights in the late phase, larger minus smaller; as `comparison_table`."""
-    late = late_scores(runs, total_steps).query("group == 'rlihf'")
-    weights = dict(list(late.groupby("w_hf")))
+    weights = dict(list(late_scores(runs).query("group == 'rlihf'").groupby("w_hf")))
     return _family(
-        {
-            "comparison": f"{large:g} - {small:g}",
-            **compare(weights[large], weights[small], metric),
-        }
-        for metric in metrics
-        for small, large in combinations(weights, 2)
+        {"comparison": f"{b:g} - {a:g}", **compare(weights[b], weights[a], metric)}
+        for metric in ("return", "success")
+        for a, b in combinations(weights, 2)
     )
 
 
-def _family(rows):
+def _family(rows, tests=("p",)):
+    """Correct the tests for one another, and the smallest p that could come out alike."""
     table = pd.DataFrame(rows)
-    return table.assign(p_holm=st.holm(table["p"]), smallest_p_holm=st.holm(table["smallest_p"]))
+    names = [name for test in tests for name in (test, f"smallest_{test}")]
+    return table.assign(**{f"{name}_holm": st.holm(table[name]) for name in names})
 
 
-def show_comparison(table):
-    """Lay a table of comparisons out: each p with the smallest that could come out in brackets."""
-    rows = list(table.itertuples())
-    shown = {
-        "metric": table["metric"].str.replace("_", " "),
-        "comparison": table["comparison"],
-        "difference": [
-            number(row.difference, row.metric) + between(row.ci_low, row.ci_high, row.metric)
-            for row in rows
-        ],
-        "P(better)": [
-            number(row.improvement, "") + between(row.improvement_low, row.improvement_high, "")
-            for row in rows
-        ],
-    }
-    for name, words in P_VALUES.items():
+def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
+    """Lay comparisons out as strings: each p with the smallest that could come out in brackets."""
+    shown = pd.DataFrame(
+        {
+            "metric": row.metric.replace("_", " "),
+            "comparison": row.comparison,
+            "difference": _text(row.metric, row.difference, low=row.ci_low, high=row.ci_high),
+            "P(better)": _text(
+                "", row.improvement, low=row.improvement_low, high=row.improvement_high
+            ),
+        }
+        for row in table.itertuples()
+    )
+    for name in P_VALUES:
         if name in table:
+            words = name.replace("_", ", ").replace("holm", "Holm")
             pairs = zip(table[name], table[f"smallest_{name}"], strict=True)
             shown[words] = ["" if np.isnan(p) else f"{p:.2g} ({least:.2g})" for p, least in pairs]
-    return pd.DataFrame({**shown, "n": table["n"]})
+    return shown.assign(n=table["n"])
 
 
-def subject_table(runs, scores, total_steps):
+def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Decoder and policy side by side, and each person's policy against dense reward (late phase).
 
-    Parameters
-    ----------
-    runs : DataFrame
-        Of the main comparison.
-    scores : DataFrame
-        `decoder/scores.csv`.
-    total_steps : int
-
-    Returns
-    -------
-    DataFrame
-        By auroc; columns subject, auroc, balanced_accuracy, accuracy_online, then of late success:
-        success, success_low, success_high, dense; comparison and what `compare` says of it; p_holm
-        and p_equivalent_holm with the smallest possible; return.
+    From the runs of the main comparison and `decoder/scores.csv`, by AUROC. Columns subject, auroc,
+    balanced_accuracy, accuracy_online, then of late success: success, success_low, success_high,
+    dense; comparison and what `compare` says of it; p_holm and p_equivalent_holm with the smallest
+    possible; return.
     """
-    late = late_scores(runs, total_steps)
+    late = late_scores(runs)
     dense = late.query("group == 'dense'")
     rows = []
     for person, own in late.query("group == 'rlihf'").groupby("subject"):
-        low, high = st.mean_interval(own["success"], (0, 1))
+        low, high = st.mean_interval(own["success"], st.PROBABILITY)
         rows.append(
             {
                 "subject": person, "comparison": f"{person} - {label('dense')}",
@@ -315,26 +224,14 @@ def subject_table(runs, scores, total_steps):
                 "return": own["return"].mean(), **compare(own, dense, "success", True),
             }
         )  # fmt: skip
-    table = _family(rows)
-    for name in ("p_equivalent", "smallest_p_equivalent"):
-        table[f"{name}_holm"] = st.holm(table[name])
     decoder = scores[["subject", "auroc", "balanced_accuracy", "accuracy_online"]]
-    return decoder.merge(table, on="subject").sort_values("auroc", ignore_index=True)
+    table = decoder.merge(_family(rows, ("p", "p_equivalent")), on="subject")
+    return table.sort_values("auroc", ignore_index=True)
 
 
-def correlation_table(by_subject, metrics=("success", "return")):
-    """Spearman's correlation of AUROC with what the policies reach late, over people.
-
-    Parameters
-    ----------
-    by_subject : DataFrame
-        From `subject_table`.
-    metrics : sequence of str
-
-    Returns
-    -------
-    DataFrame
-        A row per metric; columns of `statistics.spearman`.
-    """
-    rows = [{"metric": m, **st.spearman(by_subject["auroc"], by_subject[m])} for m in metrics]
-    return pd.DataFrame(rows)
+def correlation_table(people: pd.DataFrame) -> pd.DataFrame:
+    """`statistics.spearman` of AUROC with what the policies reach late, over `subject_table`."""
+    return pd.DataFrame(
+        {"metric": metric, **st.spearman(people["auroc"], people[metric])}
+        for metric in ("success", "return")
+    )

@@ -3,18 +3,34 @@
 import json
 
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report.evaluations import group_of, person_of
+from rlihf_lib.report.evaluations import add_phase, group_of, person_of
+from rlihf_lib.report.style import use_style
 from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.study import Study
 
 matplotlib.use("agg")
+use_style()
 
 STEPS = (0, 1000, 2000, 3000)
 LEVEL = {"sparse": 0.0, "dense": 1.0, "rlihf": 0.5}
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    """Close what was drawn."""
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def legend():
+    """Lines of the legend of axes, by name."""
+    return lambda ax: {line.get_label(): line for line in ax.lines if line.get_label()[0] != "_"}
 
 
 @pytest.fixture
@@ -77,7 +93,7 @@ def evaluations(configs, people=PEOPLE):
                 }
             )
         )  # fmt: skip
-    return pd.concat(frames, ignore_index=True)
+    return add_phase(pd.concat(frames, ignore_index=True))
 
 
 @pytest.fixture(scope="session")

@@ -80,7 +80,8 @@ def test_intervals_of_the_interquartile_mean_cover():
 
 
 @pytest.mark.parametrize("rho", [0, 0.8])
-def test_intervals_of_the_correlation_cover(rho):
+def test_intervals_of_the_correlation_cover(rho, monkeypatch):
+    monkeypatch.setattr(st, "PERMUTATIONS", 9)  # p isn't looked at
     rng = np.random.default_rng(6)
     truth = 6 / np.pi * np.arcsin(rho / 2)  # Spearman's of a bivariate normal distribution
     held = []

@@ -11,11 +11,11 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from rlihf_lib.report.figures_task import OBJECT_COLOURS, paths_figure
 from rlihf_lib.rl.evaluation import Recording
-from rlihf_lib.rl.observer import AT_EASE_CLEARANCE, UNEASY_CLEARANCE
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.workspace import OBSTACLES, PLACES, TABLE_HEIGHT, Workspace
 
 VIEWS = {"top": (1, 0), "side": (1, 2)}
+ZONES = {0.02: "too close", 0.05: "people at ease"}
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def drawing(env):
 def draw(env):
     still = np.tile(env.controller.hand, (2, 1))
     run = Recording(still, still, env.data.qpos[None].copy(), seed=1, success=False)
-    return paths_figure(env, {"dense": [run]}, "test")
+    return paths_figure(env, {"dense": [run]}, ZONES)
 
 
 def inside(kind, size, points):
@@ -99,7 +99,7 @@ def test_outlines_are_as_large_as_robosuites_meshes(env, drawing):
     stock.close()
 
 
-@pytest.mark.parametrize("metres", [UNEASY_CLEARANCE, AT_EASE_CLEARANCE])
+@pytest.mark.parametrize("metres", ZONES)
 def test_zones_are_as_wide_as_the_observer_says(drawing, filled, metres):
     zones = [p for p in drawing["top"].patches if p.get_gid() == f"{metres} m"]
     found = set()

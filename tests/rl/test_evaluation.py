@@ -76,7 +76,9 @@ def test_paths_figure_draws_every_run_from_above_and_from_the_side():
     placed = record(env, expert_action, 1)
     idle = record(PickPlaceEnv(5), sit_still, 1)
     env.reset(seed=1)
-    figure = paths_figure(env, {"dense": [placed, placed], "rlihf": [idle]}, "test")
+    figure = paths_figure(
+        env, {"dense": [placed, placed], "rlihf": [idle]}, {0.02: "near", 0.05: "far"}
+    )
     top, side = figure.axes
     for ax, axes in ((top, (1, 0)), (side, (1, 2))):
         drawn = [line.get_xydata() for line in ax.lines]

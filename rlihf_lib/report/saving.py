@@ -1,0 +1,118 @@
+"""Where figures and tables are saved, and what each figure was drawn from: `manifest.json`."""
+
+import json
+import textwrap
+from pathlib import Path
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from rlihf_lib.files import atomic_path, sha256, write_csv, write_text
+
+LETTERS_PER_INCH = 22  # of a note, 6 pt
+# Without a fixed date and software version, equal data would give unequal files.
+METADATA = {".pdf": {"CreationDate": None}, ".png": {"Software": None}}
+# Of captions; pandas escapes cells.
+LATEX = str.maketrans({"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "·": r"$\cdot$"})
+
+
+def caption(study, says: str = "") -> str:
+    """Return what everything saved must own up to: whose EEG, which profile, how many of what."""
+    return " · ".join(filter(None, [study.eeg_label, f"profile {study.profile.name}", says]))
+
+
+def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: str = "") -> Path:
+    """Write the caption under a figure, save it as PDF and PNG, enter it in `manifest.json`.
+
+    Parameters
+    ----------
+    study : Study
+        Gives the folder, `figures/<study>/`.
+    name, notebook
+        File name without suffix; the notebook that draws it, such as "02_loso_decoder".
+    sources : sequence of (Path or str)
+        Files, or ids of runs of the study (their `eval.csv`), whose data are in the figure.
+    says
+        How many of what, such as "3 people x 2 seeds"; see `caption`.
+
+    Returns the PNG. A source that does not exist raises FileNotFoundError: a figure from nowhere is
+    not saved.
+    """
+    hashes = hash_sources(study, name, sources)
+    lines = textwrap.fill(caption(study, says), int(LETTERS_PER_INCH * fig.get_figwidth()))
+    fig.supxlabel(lines, fontsize=6, color="#555555")
+    engine = fig.get_layout_engine()
+    if engine:
+        engine.execute(fig)
+    fig.set_layout_engine("none")  # laid out once, not again for each file
+    for suffix, fields in METADATA.items():
+        with atomic_path(study.figures / f"{name}{suffix}") as temporary:
+            fig.savefig(temporary, metadata=fields)
+    fig.set_layout_engine(engine or "none")
+    enter(study, name, notebook, hashes)
+    return study.figures / f"{name}.png"
+
+
+def manifest(study) -> dict:
+    """Read what a study's figures were drawn from: name -> notebook, sources with their hashes."""
+    path = study.figures / "manifest.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def enter(study, name: str, notebook: str, hashes: dict) -> None:
+    """Enter a figure in the manifest."""
+    entries = manifest(study) | {name: {"notebook": notebook, "sources": hashes}}
+    text = json.dumps(entries, indent=1, sort_keys=True)
+    write_text(study.figures / "manifest.json", text + "\n")
+
+
+def hash_sources(study, name: str, sources) -> dict[str, str]:
+    """Hash a figure's sources (`save_figure`), named relative to the study's output folder."""
+    hashes = {}
+    for source in sources:
+        path = Path(source)
+        if not path.is_absolute() and not path.exists():
+            path = study.runs / str(source) / "eval.csv"
+        if not path.is_file():
+            raise FileNotFoundError(f"figure {name} is drawn from {source}, but {path} is missing")
+        path = path.resolve()
+        inside = path.is_relative_to(study.out)  # manifests hold no home folder
+        hashes[str(path.relative_to(study.out)) if inside else path.name] = sha256(path)
+    return hashes
+
+
+def save_table(
+    study, name: str, table: pd.DataFrame, shown: pd.DataFrame | None = None, says: str = ""
+) -> pd.DataFrame:
+    """Write a table as `tables/<name>.csv` and, as people read it, as Markdown and as LaTeX.
+
+    The csv holds all numbers of `table`, in full precision; the others, under a caption that says
+    what the numbers are, what is `shown` (`table` if None), which is returned.
+    """
+    shown = table if shown is None else shown
+    write_csv(study.tables / f"{name}.csv", table)
+    for suffix, text in typeset(shown, caption(study, says)).items():
+        write_text(study.tables / f"{name}{suffix}", text)
+    return shown
+
+
+def typeset(shown: pd.DataFrame, says: str) -> dict[str, str]:
+    """Return a table with its caption as Markdown (".md") and as LaTeX with booktabs (".tex").
+
+    Where an index of names changes, a line is drawn and the name of the block of rows written.
+    """
+    n, named = len(shown.columns), pd.api.types.is_string_dtype(shown.index)
+    cells = shown.astype(object).where(shown.notna(), "").astype(str)
+    rows = [cells.columns, ["---"] * n, *cells.to_numpy()]
+    markdown = ["| " + " | ".join(row) + " |" for row in rows]
+    latex = cells.to_latex(index=False, escape=True, caption=says.translate(LATEX), position="t")
+    lines = latex.replace("{table}", "{table*}").splitlines()
+    body = lines.index(r"\midrule") + 1
+    for i in reversed(range(1, len(cells) if named else 0)):
+        if (block := shown.index[i]) != shown.index[i - 1]:
+            markdown.insert(2 + i, f"| *{block}*" + " | " * (n - 1) + " |")
+            heading = rf"\multicolumn{{{n}}}{{l}}{{\emph{{{block}}}}} \\"
+            lines[body + i : body + i] = [r"\midrule", heading]
+    lines.insert(1, r"\centering")
+    texts = {".md": [says, "", *markdown], ".tex": lines}
+    return {suffix: "\n".join([*text, ""]) for suffix, text in texts.items()}

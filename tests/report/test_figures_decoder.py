@@ -1,0 +1,49 @@
+"""Figures of the decoder, from the tables that are shipped."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlihf_lib.report import figures_decoder
+from rlihf_lib.study import Study
+
+STUDY = Study("quick")
+
+
+@pytest.fixture
+def scores():
+    return STUDY.scores()
+
+
+def test_figure_5_is_a_pair_of_bars_a_subject_and_their_mean(scores):
+    (ax,) = figures_decoder.figure_5(scores).axes
+    pretrain, online = ax.containers[:2]
+    heights = [bar.get_height() for bar in online]
+    assert heights == pytest.approx([*scores["accuracy_online"], scores["accuracy_online"].mean()])
+    assert pretrain[0].get_x() < online[0].get_x() < pretrain[1].get_x()
+    (arms,) = ax.containers[2][2]
+    ends = np.array([segment[:, 1] for segment in arms.get_segments()])
+    np.testing.assert_allclose(ends, scores[["accuracy_online_low", "accuracy_online_high"]])
+
+
+def test_subjects_are_ranked_by_how_well_they_are_decoded(scores):
+    for ax in figures_decoder.scores_figure(scores).axes:
+        names = [tick.get_text() for tick in ax.get_xticklabels()]
+        assert names == scores.sort_values("auroc")["subject"].tolist()
+
+
+def test_a_line_a_subject_and_their_mean(legend):
+    updates = pd.read_csv(STUDY.decoder / "online_update.csv")
+    ax = figures_decoder.online_update_figure(updates).axes[2]
+    assert len(ax.lines) == updates["subject"].nunique() + 1
+    mean = updates.groupby("n_events")["auroc"].mean()
+    np.testing.assert_allclose(legend(ax)["Mean over subjects"].get_ydata(), mean)
+    one = updates[updates["n_events"] == 0]
+    (ax,) = figures_decoder.channels_figure({"EEG": one, "EOG only": one}).axes
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == ["EEG", "EOG only"]
+
+
+def test_reliability_shows_all_epochs_before_and_after_scaling():
+    upper, lower = figures_decoder.reliability_figure(STUDY.p_error()).axes
+    assert upper.get_legend_handles_labels()[1] == ["Perfect", "Raw", "Temperature-scaled"]
+    assert [patch.get_data().values.sum() for patch in lower.patches] == pytest.approx([1, 1])
