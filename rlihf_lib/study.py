@@ -62,14 +62,14 @@ class Study:
         self.profile = PROFILES[profile]
         self.eeg = self.eeg_name = str(eeg)
         self.events, self.drop_channels = tuple(events), tuple(drop_channels)
+        if len(set(self.events)) != 2:
+            raise ValueError(f"events are {self.events}; give the names of two, correct and error")
         if self.eeg not in EEG_SOURCES:
             self.eeg, self.eeg_name = _folder(self.eeg)
         elif self.events != EVENTS:
             raise ValueError(f"events can be named for a folder of epochs only, not for {self.eeg}")
         elif self.drop_channels:
             raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
-        if len(set(self.events)) != 2:
-            raise ValueError(f"events are {self.events}; give the names of two, correct and error")
         self.name = f"{profile}-{self.eeg_name}"
         self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name

@@ -59,9 +59,8 @@ def _wave(ax, waves):
     ax.plot(milliseconds, people, color="#BBBBBB", lw=0.5)
     ax.plot(milliseconds, people.mean(axis=1), color=COLORS["error"], lw=1.6)
     ax.axhline(0, color="#555555", lw=0.5)
-    ax.set(
-        xlabel="Time after the error (ms)", ylabel=f"Error - correct, {channel} (µV)", xlim=(0, 800)
-    )
+    ax.set(xlabel="Time after the error (ms)", ylabel=f"Error - correct, {channel} (µV)")
+    ax.set_xlim(0, milliseconds.max())
 
 
 def _reward(ax, p_error):

@@ -11,7 +11,7 @@ LAYER_NORM_EPSILON = np.float32(1e-5)  # PyTorch's
 
 
 @compiled
-def norm_relu(z, bias, y, scale):
+def norm_relu(z, bias, y, scale) -> None:
     """z <- layer_norm(z + bias), y <- relu(z), scale <- 1 / standard deviation."""
     batch, width = z.shape
     for i in range(batch):
@@ -31,7 +31,7 @@ def norm_relu(z, bias, y, scale):
 
 
 @compiled
-def norm_relu_backward(z, scale, delta):
+def norm_relu_backward(z, scale, delta) -> None:
     """delta <- gradient before `norm_relu`, from that after it; z is the normalised one."""
     batch, width = z.shape
     for i in range(batch):
@@ -47,7 +47,7 @@ def norm_relu_backward(z, scale, delta):
 
 
 @compiled
-def read_out(y, weight, bias, values):
+def read_out(y, weight, bias, values) -> None:
     """values <- y weight + bias; MKL takes five times as long for a single column."""
     batch, width = y.shape
     for i in range(batch):
@@ -58,7 +58,7 @@ def read_out(y, weight, bias, values):
 
 
 @compiled
-def relu(y, bias):
+def relu(y, bias) -> None:
     """y <- relu(y + bias)."""
     for i in range(len(y)):
         for j in range(y.shape[1]):
@@ -66,7 +66,7 @@ def relu(y, bias):
 
 
 @compiled
-def relu_backward(y, delta):
+def relu_backward(y, delta) -> None:
     """delta <- gradient before the relu whose output is y, from that after it."""
     for i in range(len(delta)):
         for j in range(delta.shape[1]):
