@@ -54,7 +54,7 @@ class CriticPass:
         self._backward.reverse()
         for i, delta in enumerate(deltas):
             d_weight, d_bias = critic.weights[i].grad[index].T, critic.biases[i].grad[index, 0]
-            self._gradients.append((inputs[i], delta, d_weight, d_bias))
+            self._gradients.append((inputs[i], delta, delta.T, d_weight, d_bias))
         self._last = *(part[-1].numpy() for part in (inputs, weights, biases)), self._values
         self._first = deltas[0], weights[0].T
 
@@ -115,7 +115,7 @@ class ActorPass:
         ]
         self._top = deltas[-1], [head.weight.detach() for head in heads], d_means
         self._gradients = [
-            (y[:batch_size], delta, layer.weight.grad, layer.bias.grad)
+            (y[:batch_size], delta, delta.T, layer.weight.grad, layer.bias.grad)
             for layer, y, delta in zip(
                 (*layers, *heads), (*inputs[:-1], top, top), (*deltas, *d_means), strict=True
             )
@@ -160,6 +160,6 @@ class ActorPass:
 
 def _weight_gradients(parts):
     """Leave the gradients of linear layers, each by its input and its output's delta."""
-    for x, delta, d_weight, d_bias in parts:
-        torch.mm(delta.T, x, out=d_weight)
+    for x, delta, transposed, d_weight, d_bias in parts:
+        torch.mm(transposed, x, out=d_weight)
         torch.sum(delta, dim=0, out=d_bias)
