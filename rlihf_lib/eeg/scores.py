@@ -87,7 +87,7 @@ def balanced_accuracy(p_error, labels, prior) -> float:
     return float((np.mean(said[labels == 1]) + np.mean(~said[labels == 0])) / 2)
 
 
-def auroc(p_error, labels, prior=0.5) -> float:
+def auroc(p_error, labels, prior=0.5) -> np.ndarray:
     """Area under the receiver operating characteristic: the Mann-Whitney statistic.
 
     Of `p_error`, shape (n, ...), any scores that are larger for errors; one area for each column.
