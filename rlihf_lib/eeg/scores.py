@@ -3,6 +3,8 @@
 Every score has its interval over trials and, where there is one, its chance level.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import expit, logit
@@ -99,7 +101,7 @@ def auroc(p_error, labels, prior=0.5) -> np.ndarray:
 
 
 #: All of them take `(p_error, labels, prior)`.
-SCORES = {
+SCORES: dict[str, Callable] = {
     "accuracy_online": accuracy,
     "balanced_accuracy": balanced_accuracy,
     "auroc": auroc,
