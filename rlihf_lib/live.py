@@ -9,7 +9,9 @@ from rlihf_lib.rl.training import train_run
 from rlihf_lib.study import EEG_SOURCES
 
 
-def train_live(study, config, p_error=None, progress=lambda step: None) -> dict[str, bytes]:
+def train_live(
+    study, config, p_error=None, progress=lambda step, success: None
+) -> dict[str, bytes]:
     """Train a run as `rl.training.train_run` does, its feedback decoded live.
 
     The study names the recordings and holds the decoders' weights; of the table only the epochs'

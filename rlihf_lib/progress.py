@@ -39,7 +39,7 @@ class Progress:
         self._bar = tqdm(
             total=total,
             initial=done,
-            bar_format=f"{unit}: {{n:.1f}} of {{total}} {{bar:20}} {{remaining}} to go",
+            bar_format=f"{unit}: {{n:.1f}} of {{total}} {{bar:20}} {{remaining}} to go{{postfix}}",
             **options,
         )
 
@@ -56,9 +56,10 @@ class Progress:
     def __str__(self) -> str:
         return str(self._bar)
 
-    def advance(self, name: str, share: float) -> None:
+    def advance(self, name: str, share: float, note: str = "") -> None:
         """Note that the share `share`, in [0, 1], of the work called `name` is done."""
         self._shares[name] = share
+        self._bar.set_postfix_str(note, refresh=False)
         self._show()
 
     def finished(self, name: str) -> None:

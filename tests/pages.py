@@ -11,8 +11,10 @@ import pandas as pd
 
 from rlihf_lib.files import write_text
 from rlihf_lib.study import REPOSITORY, Study
+from tests.benchmarks.__main__ import BENCHMARKS
 
-PAGES = ("README.md", "results/README.md", "figures/README.md")
+PAGES = ("README.md", "results/README.md", "figures/README.md", "tests/benchmarks/README.md")
+MEASURED = REPOSITORY / "tests" / "benchmarks" / "measured.json"
 #: What each figure shows, in the order of the gallery; also the alternative text of the pictures.
 CAPTIONS = {
     "fig2_overview": "From an error potential to a policy: EEG, decoder, reward, robot (Fig. 2)",
@@ -168,6 +170,29 @@ def pilots(study: Study) -> str:
     return _markdown(("condition", "person", "runs", *table.columns[1:]), rows)
 
 
+def speed(study: Study) -> str:
+    """How much faster than the stock stack, in a sentence."""
+    ratios = json.loads(MEASURED.read_text(encoding="utf-8"))
+    return (
+        f"[Speed](tests/benchmarks/README.md), on {ratios['machine']}: the environment is "
+        f"{ratios['env_speedup']:.1f} times as fast as robosuite's own, training "
+        f"{ratios['train_speedup']:.1f} times as fast as Stable-Baselines3's SAC on it."
+    )
+
+
+def benchmarks(study: Study) -> str:
+    """Every ratio measured, and what is wanted."""
+    ratios = json.loads(MEASURED.read_text(encoding="utf-8"))
+    rows = []
+    for name, (what, wanted) in BENCHMARKS.items():
+        value = ratios[name]
+        shown = (
+            value if isinstance(value, str) else f"{value:.2f}" if value < 20 else f"{value:.0f}"
+        )
+        rows.append((f"`{name}`", what, shown, wanted))
+    return _markdown(("", "what", ratios["machine"], "wanted"), rows)
+
+
 def gallery(study: Study) -> str:
     """Every shipped figure of every study: what it shows, its notebook and its sources."""
     lines = []
@@ -210,7 +235,10 @@ def _markdown(header, rows):
     return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
 
 
-PARTS = {part.__name__: part for part in (results, decoding, feedback, pilots, gallery)}
+PARTS = {
+    part.__name__: part
+    for part in (results, decoding, feedback, pilots, speed, benchmarks, gallery)
+}
 
 
 def filled(text: str, study: Study) -> str:

@@ -50,8 +50,8 @@ def run_sweep(
     recompute : bool
         Train runs anew that are done.
     train : callable, optional
-        `train(config, p_error, progress)` returns the run's files and calls `progress(step)` now
-        and then; `rl.training.train_run` if None.
+        `train(config, p_error, progress)` returns the run's files and calls
+        `progress(step, success)` now and then; `rl.training.train_run` if None.
 
     Returns
     -------
@@ -134,8 +134,9 @@ def _train_on_worker(config, p_error, train):
         from rlihf_lib.rl.training import train_run as train
     worker = get_worker()
 
-    def report(step):
-        worker.log_event(TOPIC, (config.run_id, step / config.total_steps))
+    def report(step, success):
+        note = f"{config.run_id}: success {success:.2f}"
+        worker.log_event(TOPIC, (config.run_id, step / config.total_steps, note))
 
     return train(config, p_error, report)
 

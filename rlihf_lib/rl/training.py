@@ -56,6 +56,9 @@ class _Record(BaseCallback):
             self._sum_up()
         if self.num_timesteps % self.config.eval_every == 0:
             self._evaluate()
+        if self.num_timesteps % LOG_EVERY == 0:
+            last = self.evaluations[-self.config.eval_rollouts :]
+            self.progress(self.num_timesteps, np.mean([row["success"] for row in last]))
         return True
 
     def _sum_up(self):
@@ -77,7 +80,6 @@ class _Record(BaseCallback):
         self.evaluations += [{"step": self.num_timesteps, **row} for row in rows]
         # Kept as evaluated: SB3 updates once more after the last step.
         self.actor = {k: v.clone() for k, v in self.model.actor.state_dict().items()}
-        self.progress(self.num_timesteps)
 
     def training_table(self):
         """Training in windows of `LOG_EVERY` steps, with the update at the end of each."""
@@ -89,7 +91,7 @@ class _Record(BaseCallback):
 
 
 def train_run(
-    config: RunConfig, p_error=None, progress=lambda step: None, decode=None
+    config: RunConfig, p_error=None, progress=lambda step, success: None, decode=None
 ) -> dict[str, bytes]:
     """Train and evaluate one policy; a pure function of its config and of `p_error`.
 
@@ -98,7 +100,7 @@ def train_run(
     p_error : DataFrame, optional
         The p(error) table (`rlihf_lib.rl.feedback`); needed by condition "rlihf".
     progress : callable
-        Called with the number of steps done after each evaluation.
+        Called every 1,000 steps with how many are done and the last evaluation's success rate.
     decode : callable, optional
         Decodes the feedback anew instead of looking it up; see `Observer`.
 

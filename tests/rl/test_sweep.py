@@ -33,7 +33,7 @@ def train(config, p_error, progress):
         log.write(config.run_id + "\\n")
     if "profile" in get_worker().periodic_callbacks:
         (control / "profiled").touch()
-    progress(config.total_steps // 2)
+    progress(config.total_steps // 2, 0.25)
     if (control / "slow").exists():
         time.sleep(0.7)
     if config.seed == 3 and (control / "die-once").exists():
@@ -234,4 +234,5 @@ def test_progress_tells_runs_and_halves_of_runs_and_the_time_to_go(fake, monkeyp
     assert {"runs: 1.0 of 4", "runs: 2.0 of 4"} <= {text[:14] for text in seen}
     halves = [text for text in seen if text.startswith("runs: 1.5 of 4")]
     assert any("?" not in text for text in halves), "no estimate before the first run ended"
+    assert all("success 0.25" in text for text in halves)
     assert not told.exists()
