@@ -20,44 +20,20 @@ def parser() -> argparse.ArgumentParser:
         "already, shipped results included, is used; the rest is computed.",
         epilog="`python -m tests.benchmarks [--json FILE]` measures the speed of every part.",
     )
-    result.add_argument("--profile", choices=PROFILES, default="quick", help="size (default quick)")
-    result.add_argument(
-        "--eeg",
-        default="simulated",
-        metavar="simulated|hri|PATH",
-        help="recordings: simulated (default), the paper's (downloads), or your folder of epochs",
-    )
-    result.add_argument(
-        "--events",
-        nargs=2,
-        default=EVENTS,
-        metavar=("OK", "ERR"),
-        help="names of the two events in your folder of epochs",
-    )
-    result.add_argument(
-        "--drop-channels",
-        nargs="+",
-        default=(),
-        metavar="CH",
-        help="channels of your folder of epochs that are no EEG",
-    )
-    result.add_argument(
-        "--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05"
-    )
-    result.add_argument(
-        "--workers",
-        type=_worker_count,
-        default=0,
-        metavar="N",
-        help="processes (default: the cores)",
-    )
-    result.add_argument(
-        "--out", default="", metavar="DIR", help="where results/ and figures/ go (default: here)"
-    )
-    result.add_argument("--recompute", action="store_true", help="compute anew what is done")
-    result.add_argument(
-        "--list", action="store_true", help="what is done, missing, and how long the rest takes"
-    )
+    add = result.add_argument
+    add("--profile", choices=PROFILES, default="quick", help="size (default quick)")
+    add("--eeg", default="simulated", metavar="simulated|hri|PATH", help="recordings: simulated "
+        "(default), the paper's (downloads), or your folder of epochs")  # fmt: skip
+    add("--events", nargs=2, default=EVENTS, metavar=("OK", "ERR"),
+        help="names of the two events in your folder of epochs")  # fmt: skip
+    add("--drop-channels", nargs="+", default=(), metavar="CH",
+        help="channels of your folder of epochs that are no EEG")  # fmt: skip
+    add("--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05")
+    add("--workers", type=_worker_count, default=0, metavar="N",
+        help="processes (default: the cores)")  # fmt: skip
+    add("--out", default="", metavar="DIR", help="where results/ and figures/ go (default: here)")
+    add("--recompute", action="store_true", help="compute anew what is done")
+    add("--list", action="store_true", help="what is done, missing, how long the rest takes")
     return result
 
 

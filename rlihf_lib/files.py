@@ -12,20 +12,8 @@ from pathlib import Path
 def atomic_path(path) -> Iterator[Path]:
     """Give a temporary path beside `path`; rename it to `path` when the block succeeds.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file wanted. Its folder is created.
-
-    Yields
-    ------
-    Path
-        A name with the same suffix in the same folder, to write to.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to or the disk is full. An earlier `path` stays as it was.
+    Its folder is created. If it cannot be written to or the disk is full, an OSError says so, and
+    an earlier `path` stays as it was.
     """
     path = Path(path)
     try:

@@ -34,7 +34,7 @@ class Profile:
     """Environment steps of training (paper: 150,000)."""
     eval_every: int
     """Training steps between two evaluation points."""
-    decoder: DecoderSizes
+    decoder: DecoderSizes = DecoderSizes(30, patience=8, ensemble=6, n_permutations=1_000)
     horizon: int = 1000
     """Steps after which an episode is truncated (paper: 1000)."""
     eval_rollouts: int = 5
@@ -94,7 +94,6 @@ PROFILES = {
             control_seeds=(),
             total_steps=60_000,
             eval_every=5_000,
-            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
         Profile(
             name="paper",
@@ -107,7 +106,6 @@ PROFILES = {
             control_seeds=(0, 1, 2),
             total_steps=150_000,
             eval_every=10_000,
-            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
         # The final settings at the paper's length on seeds that no study uses.
         Profile(
@@ -123,7 +121,6 @@ PROFILES = {
             weights=(0.7,),
             total_steps=150_000,
             eval_every=10_000,
-            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=6, n_permutations=1_000),
         ),
     )
 }

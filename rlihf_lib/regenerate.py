@@ -45,17 +45,9 @@ class NotebookError(RuntimeError):
 
 
 def select(only) -> list[Step]:
-    """Return the steps of the notebooks named, in order.
+    """Return the steps of notebooks, named like "04" or "02_loso_decoder", in order; of none: all.
 
-    Parameters
-    ----------
-    only : list of str
-        Numbers or names of notebooks, such as "04" or "02_loso_decoder"; empty for all.
-
-    Raises
-    ------
-    ValueError
-        If there is no such notebook.
+    A ValueError says if there is no such notebook.
     """
     names = list(dict.fromkeys(step.notebook for step in STEPS))
     chosen = set()
@@ -68,25 +60,11 @@ def select(only) -> list[Step]:
 
 
 def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
-    """Execute notebooks and keep the executed copies in `study.notebooks`.
+    """Execute steps and keep the executed copies in `study.notebooks`.
 
-    Parameters
-    ----------
-    study : Study
-    steps : list of Step
-    workers : int
-        Worker processes for training; 0 = one per core.
-    recompute : bool
-        Compute anew what is done.
-
-    Raises
-    ------
-    OSError
-        If the output folders cannot be written to; nothing has been computed then.
-    ValueError
-        If a notebook does not declare a parameter it is given.
-    NotebookError
-        If a cell raises.
+    On `workers` processes, 0 = one per core. Before anything is computed, an OSError says if the
+    output folders cannot be written to, a ValueError if a notebook lacks a parameter; then a
+    NotebookError if a cell raises.
     """
     _check_writable(study)
     jobs = [
@@ -119,15 +97,7 @@ def _parameters(study, step, workers, recompute):
 
 
 def check_parameters(notebook: Path, parameters) -> None:
-    """Refuse parameters that the notebook does not declare; papermill would only warn.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is unknown.
-    FileNotFoundError
-        If there is no such notebook.
-    """
+    """Refuse parameters that the notebook does not declare; papermill would only warn."""
     import papermill
 
     known = papermill.inspect_notebook(str(notebook))
@@ -139,19 +109,9 @@ def check_parameters(notebook: Path, parameters) -> None:
 
 
 def execute(notebook: Path, output: Path, parameters) -> None:
-    """Execute one notebook, showing its progress.
+    """Execute one notebook into `output`, showing its progress.
 
-    Parameters
-    ----------
-    notebook, output : Path
-        The notebook and where its executed copy goes.
-    parameters : dict
-        Values for its cell tagged `parameters`.
-
-    Raises
-    ------
-    NotebookError
-        If a cell raises: names notebook, cell, the exception's last line and the executed copy.
+    If a cell raises, a NotebookError names notebook, cell, the exception's last line and the copy.
     """
     import papermill
     from nbclient.exceptions import DeadKernelError

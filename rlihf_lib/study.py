@@ -18,42 +18,30 @@ STAGES = ("sparse", "tuned", "dense", "rlihf", "controls", "ablation")
 #: What notebook 03 trains beside a condition.
 SUPPLEMENTS = {"sparse": "tuned", "rlihf": "controls"}
 
-# Measured on one core of a shared cloud machine; a study's own finished runs are used once there
-# are any.
-SECONDS_PER_STEP = 0.007
+SECONDS_PER_STEP = 0.007  # of one core; a study's own finished runs are used once there are any
 SECONDS_PER_FOLD = 40
 N_PEOPLE = 12  # of both built-in sources
 
 
 class Study:
-    """Names, sizes and folders of one study.
+    """Names, sizes and folders of one study; nothing is created before it is written to.
 
     Parameters
     ----------
     profile : {"smoke", "quick", "paper", "pilots"}
         How much is computed.
     eeg : str or Path
-        "simulated", "hri" (the paper's recordings), or a folder of epochs,
-        `sub-XX[_ses-YY]_epo.fif`.
+        "simulated", "hri" (the paper's recordings), or a folder of `sub-XX[_ses-YY]_epo.fif`.
     out : str or Path
         Where `results/` and `figures/` go; empty for the repository.
-    events : sequence of str
-        Names of the correct and the error event in a folder of epochs.
-    drop_channels : sequence of str
-        Channels of a folder of epochs that are left out.
-
-    Attributes
-    ----------
-    name : str
-        Folder under `results/` and `figures/`, such as "quick-simulated".
-    results, figures, decoder, runs, tables, notebooks : Path
-        Where everything lies. Nothing is created before it is written to.
+    events, drop_channels : sequence of str
+        Of a folder of epochs the names of the correct and the error event, and channels left out.
 
     Raises
     ------
     ValueError
-        If the profile is unknown, `eeg` is neither a known source nor a folder, or `events` are
-        not two names, or events or channels to drop are named for a known source.
+        If profile or `eeg` are unknown, `events` are not two names, or events or channels to drop
+        are named for a built-in source.
     """
 
     def __init__(self, profile="quick", eeg="simulated", out="", events=EVENTS, drop_channels=()):
@@ -94,17 +82,9 @@ class Study:
     def p_error(self) -> pd.DataFrame:
         """Read the p(error) table of held-out epochs, the only thing policies know of the EEG.
 
-        Returns
-        -------
-        DataFrame
-            Columns subject, epoch, label (1 = error), p_error in [0, 1] (calibrated), ...
-
-        Raises
-        ------
-        FileNotFoundError
-            If notebook 02 has not written it yet.
-        ValueError
-            If a column is missing or a probability is not in [0, 1].
+        Columns subject, epoch, label (1 = error), p_error (calibrated), ... A FileNotFoundError
+        says if notebook 02 has not written it yet, a ValueError if a column is missing or a
+        probability is not in [0, 1].
         """
         path = self.decoder / "p_error.csv"
         table = _read_table(path, ("subject", "epoch", "label", "p_error"))
@@ -117,15 +97,7 @@ class Study:
         return table
 
     def scores(self) -> pd.DataFrame:
-        """Read the scores of the decoders, a row per held-out subject: subject, auroc, ...
-
-        Raises
-        ------
-        FileNotFoundError
-            If notebook 02 has not written it yet.
-        ValueError
-            If one of the two columns is missing.
-        """
+        """Read the scores of the decoders, a row per held-out subject; errors as in `p_error`."""
         return _read_table(self.decoder / "scores.csv", ("subject", "auroc"))
 
     def ranked_subjects(self) -> list[str]:
@@ -153,28 +125,16 @@ class Study:
         return [subject for subject in self.scores()["subject"] if subject in chosen]
 
     def feedback(self) -> pd.DataFrame:
-        """Return all p(error) tables that a run may name: the people's, an ideal decoder's, and
-        those of the person with the median decoder with what they say taken out; see
-        `rl.feedback.with_controls`.
-        """
+        """Return the people's p(error) and that of `rl.feedback.with_controls`, of the median."""
         return with_controls(self.p_error(), self.median_subject())
 
     def run_configs(self, stage) -> list[RunConfig]:
-        """List the runs of a stage.
+        """List the runs of one of `STAGES`.
 
-        Parameters
-        ----------
-        stage : {"sparse", "tuned", "dense", "rlihf", "controls", "ablation"}
-            A condition of the main comparison; sparse reward with settings of its own; the main
-            weight with an ideal decoder and with feedback that says nothing; every weight of the
-            ablation. The ablation's runs at the main weight are the main comparison's.
-
-        Raises
-        ------
-        ValueError
-            If the stage is unknown.
-        FileNotFoundError
-            If the stage needs p(error) and notebook 02 has not written it yet.
+        A condition of the main comparison ("sparse", "dense", "rlihf"); sparse reward with settings
+        of its own ("tuned"); the main weight with an ideal decoder and with feedback that says
+        nothing ("controls"); every weight ("ablation"; its runs at the main weight are the main
+        comparison's). A FileNotFoundError says if p(error) is needed and not written yet.
         """
         profile = self.profile
         if stage in ("sparse", "dense"):
@@ -219,12 +179,9 @@ class Study:
         return RunConfig(condition=condition, seed=seed, **sizes | changes)
 
     def status(self, workers=0) -> pd.DataFrame:
-        """Say how far the study is and how long the rest takes on `workers` processes (0 = cores).
+        """Count what is done and missing of each long stage, and the seconds of the rest.
 
-        Returns
-        -------
-        DataFrame
-            A row per long stage: done, missing (folds, then runs) and seconds.
+        On `workers` processes, 0 = one per core. Folds are counted of notebook 02, else runs.
         """
         from rlihf_lib.rl.sweep import CPU_COUNT  # imports Dask, so only when asked
 
