@@ -14,6 +14,7 @@ from rlihf_lib.study import REPOSITORY, Study
 from tests.benchmarks.__main__ import BENCHMARKS
 
 PAGES = ("README.md", "results/README.md", "figures/README.md", "tests/benchmarks/README.md")
+PILOTS_METRICS = ("success", "completed", "collisions", "clearance (cm)")
 MEASURED = REPOSITORY / "tests" / "benchmarks" / "measured.json"
 #: What each figure shows, in the order of the gallery; also the alternative text of the pictures.
 CAPTIONS = {
@@ -158,16 +159,31 @@ def feedback(study: Study) -> str:
 
 def pilots(study: Study) -> str:
     """Each group of pilots after the paper's number of steps."""
-    table = pd.read_csv(REPOSITORY / "results/pilots-simulated/summary.csv", keep_default_na=False)
-    table = table.groupby(["group", "subject"], sort=False).agg(
-        runs=("run", "size"),
-        **{name: (name, "mean") for name in ("success", "completed", "collisions")},
+    table = (
+        pilots_late()
+        .groupby(["group", "subject"], sort=False)
+        .agg(runs=("run", "size"), **{name: (name, "mean") for name in PILOTS_METRICS})
     )
     rows = [
-        (group, subject, row.runs, *(f"{value:.2f}" for value in row[1:]))
-        for (group, subject), row in zip(table.index, table.itertuples(index=False), strict=True)
+        (group, subject, int(row[0]), *(f"{value:z.2f}" for value in row[1:]))
+        for (group, subject), row in zip(table.index, table.to_numpy(), strict=True)
     ]
-    return _markdown(("condition", "person", "runs", *table.columns[1:]), rows)
+    return _markdown(("condition", "person", "runs", *PILOTS_METRICS), rows)
+
+
+def pilots_late() -> pd.DataFrame:
+    """Average each shipped pilot over the last third of training: a row per run."""
+    rows = []
+    for folder in sorted((REPOSITORY / "results" / "pilots-simulated" / "runs").iterdir()):
+        config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+        rollouts = pd.read_csv(folder / "eval.csv")
+        late = rollouts[rollouts["step"] > 2 * config["total_steps"] / 3]
+        person = config["subject"]
+        group = folder.name.rpartition("-seed")[0].replace(f"-w{config['w_hf']:g}-{person}", "")
+        named = {"group": group, "subject": person, "run": folder.name}
+        late = late.assign(**{"clearance (cm)": 100 * late["min_clearance"]})
+        rows.append({**named, **late[list(PILOTS_METRICS)].mean()})
+    return pd.DataFrame(rows)
 
 
 def speed(study: Study) -> str:
