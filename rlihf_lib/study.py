@@ -66,6 +66,8 @@ class Study:
         self.runs = self.results / "runs"
         self.tables = self.results / "tables"
         self.notebooks = self.results / "notebooks"
+        # What `vary` sets: whose feedback trains all policies, and fields of their configs.
+        self.subject, self.changes = "", {}
 
     @property
     def eeg_label(self) -> str:
@@ -117,6 +119,8 @@ class Study:
         weakest, the median and the strongest decoder; with one, the median. In the order of the
         table of scores.
         """
+        if self.subject:
+            return [self.subject]
         ranked, profile = self.ranked_subjects(), self.profile
         wanted = profile.n_ablation_subjects if ablation else profile.n_policy_subjects
         count = min(wanted or len(ranked), len(ranked))
@@ -176,7 +180,7 @@ class Study:
             name: getattr(self.profile, name)
             for name in ("total_steps", "eval_every", "horizon", "eval_rollouts")
         }
-        return RunConfig(condition=condition, seed=seed, **sizes | changes)
+        return RunConfig(condition=condition, seed=seed, **sizes | self.changes | changes)
 
     def status(self, workers=0) -> pd.DataFrame:
         """Count what is done and missing of each long stage, and the seconds of the rest.

@@ -1,0 +1,79 @@
+"""What a reader varies: a study with runs of its own, which never touch those that are shipped."""
+
+import copy
+from dataclasses import fields, replace
+
+from rlihf_lib.files import canonical_json, sha256
+from rlihf_lib.rl.runs import RunConfig, SACSettings
+from rlihf_lib.study import Study
+
+
+def vary(
+    study: Study, subject="", w_hf=None, seeds=(), total_steps=0, observer="", reward="", sac=None
+) -> Study:
+    """Return the study with other runs; the study itself where nothing is varied.
+
+    Parameters
+    ----------
+    subject : str
+        One of the decoded people, whose feedback trains the policies.
+    w_hf : float
+        Weight of human feedback.
+    seeds : sequence of int
+    total_steps : int
+        Of training.
+    observer, reward : str or callable
+        By name, or a function of the moment; see `RunConfig`.
+    sac : dict
+        Values of `SACSettings` by name.
+
+    Returns
+    -------
+    Study
+        Its runs, tables and figures lie in `varied/<hash>`. What is left empty is the profile's.
+
+    Raises
+    ------
+    ValueError
+        If a name or value is impossible; says which there are.
+    """
+    told = {"subject": subject, "w_hf": w_hf, "seeds": tuple(seeds), "total_steps": total_steps,
+            "observer": observer, "reward": reward, "sac": sac}  # fmt: skip
+    told = {n: value for n, value in told.items() if value or n == "w_hf" and w_hf is not None}
+    if not told:
+        return study
+    if subject and subject not in study.ranked_subjects():
+        people = ", ".join(sorted(study.ranked_subjects()))
+        raise ValueError(f"subject is {subject!r}; choose one of {people}")
+    if w_hf is not None and not (isinstance(w_hf, int | float) and 0 <= w_hf <= 10):
+        raise ValueError(f"w_hf is {w_hf!r}; give a number from 0 to 10")
+    if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
+        raise ValueError(f"seeds are {seeds!r}; give whole numbers, 0 or more")
+    every = study.profile.eval_every
+    if not isinstance(total_steps, int) or total_steps < 0 or total_steps % every:
+        raise ValueError(
+            f"total_steps is {total_steps!r}; give a multiple of {every}, after each of which "
+            "policies are evaluated"
+        )
+    known = [field.name for field in fields(SACSettings)]
+    if unknown := set(sac or ()) - set(known):
+        raise ValueError(f"sac has no {', '.join(unknown)}; it has {', '.join(known)}")
+    varied = copy.copy(study)
+    varied.subject = subject
+    varied.changes = {name: told[name] for name in ("observer", "reward") if name in told}
+    if sac:
+        varied.changes["sac"] = SACSettings(**sac)
+    sizes = {name: told[name] for name in ("w_hf", "total_steps", "seeds") if name in told}
+    words = ", ".join(f"{name} {_word(value)}" for name, value in told.items())
+    varied.profile = replace(study.profile, name=f"{study.profile.name}, {words}", **sizes)
+    settings = RunConfig("dense", 0, varied.profile.total_steps, every, **varied.changes).hash
+    key = sha256(canonical_json([subject, sizes, settings]))[:8]
+    varied.results, varied.figures = (
+        folder / "varied" / key for folder in (study.results, study.figures)
+    )
+    varied.runs, varied.tables = varied.results / "runs", varied.results / "tables"
+    return varied
+
+
+def _word(value):
+    return getattr(value, "__name__", value)
