@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import fields, replace
+from typing import Any
 
 from rlihf_lib.files import canonical_json, sha256
 from rlihf_lib.rl.runs import RunConfig, SACSettings
@@ -63,7 +64,10 @@ def vary(
     varied.changes = {name: told[name] for name in ("observer", "reward") if name in told}
     if sac:
         varied.changes["sac"] = SACSettings(**sac)
-    sizes = {name: told[name] for name in ("w_hf", "total_steps", "seeds") if name in told}
+    sizes: dict[str, Any] = {
+        name: told[name] for name in ("w_hf", "total_steps", "seeds") if name in told
+    }
+    sizes |= {"supplementary_seeds": (), "control_seeds": ()}  # stand beside the profile's runs
     words = ", ".join(f"{name} {_word(value)}" for name, value in told.items())
     varied.profile = replace(study.profile, name=f"{study.profile.name}, {words}", **sizes)
     settings = RunConfig("dense", 0, varied.profile.total_steps, every, **varied.changes).hash
@@ -76,4 +80,6 @@ def vary(
 
 
 def _word(value):
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
     return getattr(value, "__name__", value)
