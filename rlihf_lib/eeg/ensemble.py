@@ -1,5 +1,7 @@
 """Many EEGNets computed as one, which is why leave-one-subject-out is fast."""
 
+from typing import TYPE_CHECKING, Any
+
 import torch
 from torch import nn
 from torch.nn import functional as F
@@ -33,16 +35,9 @@ class EEGNetBatch(nn.Module):
     weight and running statistic of `EEGNet` is here under its own name, stacked over networks.
     """
 
-    temporal_weight: torch.Tensor
-    spatial_weight: torch.Tensor
-    separable_weight: torch.Tensor
-    pointwise_weight: torch.Tensor
-    dense_weight: torch.Tensor
-    dense_bias: torch.Tensor
-    norm1_weight: torch.Tensor
-    norm1_bias: torch.Tensor
-    norm1_running_mean: torch.Tensor
-    norm1_running_var: torch.Tensor
+    if TYPE_CHECKING:  # of what is registered by name
+
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, architecture: Architecture, seeds):
         super().__init__()
@@ -53,16 +48,13 @@ class EEGNetBatch(nn.Module):
             with torch.random.fork_rng(devices=[]):
                 torch.manual_seed(seed)
                 networks.append(EEGNet(architecture))
-        states = [network.state_dict() for network in networks]
-        trainable = {name for name, _ in networks[0].named_parameters()}
-        self._names = [name for name in states[0] if not name.endswith("num_batches_tracked")]
-        for name in self._names:
-            stacked = torch.stack([state[name] for state in states])
-            attribute = name.replace(".", "_")
-            if name in trainable:
-                self.register_parameter(attribute, nn.Parameter(stacked))
-            else:
-                self.register_buffer(attribute, stacked)
+        weights, statistics = torch.func.stack_module_state(networks)
+        statistics = {n: v for n, v in statistics.items() if not n.endswith("num_batches_tracked")}
+        for name, stacked in weights.items():
+            self.register_parameter(name.replace(".", "_"), nn.Parameter(stacked))
+        for name, stacked in statistics.items():
+            self.register_buffer(name.replace(".", "_"), stacked)
+        self._names = [*weights, *statistics]
 
     def network_state(self, index) -> dict[str, torch.Tensor]:
         """State of one network, for `EEGNet.load_state_dict(..., strict=False)`."""
@@ -78,7 +70,7 @@ class EEGNetBatch(nn.Module):
     def patch_moments(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """First and second moments of the patches a temporal filter sees in each of some epochs.
 
-        From shape (n, n_channels, n_times) to shapes (n, kernel) and (n, kernel, kernel).
+        From (n, n_channels, n_times) to (n, kernel) and (n, kernel, kernel).
         """
         kernel = self.architecture.kernel
         left = (kernel - 1) // 2
@@ -153,8 +145,8 @@ class EEGNetBatch(nn.Module):
 def toeplitz(kernels, n_times) -> torch.Tensor:
     """Write same-padded correlations as matrices: x @ M is x filtered.
 
-    From kernels h, shape (a, b, k), to M, shape (a * b, n_times, n_times), with
-    M[s, t] = h[s - t + (k - 1) // 2], zero outside the kernel.
+    From kernels h, shape (a, b, k), to M[s, t] = h[s - t + (k - 1) // 2], zero outside the kernel,
+    shape (a * b, n_times, n_times).
     """
     kernels = kernels.flatten(0, 1)
     left = (kernels.shape[-1] - 1) // 2

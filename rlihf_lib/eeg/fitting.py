@@ -66,20 +66,9 @@ class FoldData:
 def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.DataFrame]:
     """Train and calibrate the decoder of one fold, on a GPU if there is one.
 
-    Parameters
-    ----------
-    pool : splits.TrainingPool
-        Subject -> (conditioned epochs (n, n_channels, m), labels (n,)). The held-out subject is
-        not in it, so nothing here can depend on that subject.
-    input_format : signals.InputFormat
-        How the epochs were conditioned; the decoder conditions new ones in the same way.
-    settings : DecoderSettings
-
-    Returns
-    -------
-    decoder : Decoder
-    validation, history : DataFrame
-        See `_validate` and `train`.
+    From a `splits.TrainingPool`, subject -> (epochs (n, n_channels, m), labels (n,)), conditioned
+    as the `signals.InputFormat` says, to the decoder and the tables of `_validate` and `train`.
+    The held-out subject is not in the pool, so nothing here can depend on that subject.
 
     Notes
     -----
@@ -96,15 +85,14 @@ def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.Da
     data = join(pool, members, device)
     seeds = [int(sha256(f"{settings.seed}/{pool.fold.test}/{n}")[:8], 16) for n in members]
     n_channels, _, n_times = data.x.shape
-    architecture = half_second_architecture(
-        n_channels, n_times, input_format.network_sfreq, settings.dropout
-    )
+    rate, dropout = input_format.network_sfreq, settings.dropout
+    architecture = half_second_architecture(n_channels, n_times, rate, dropout)
     networks = EEGNetBatch(architecture, seeds).to(device)
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seeds[0])  # dropout
         history = train(networks, data, seeds, settings)
     validation = _validate(networks.double().eval().cpu(), data)
-    evidence = [validation[name].to_numpy() for name in ("log_odds", "label", "prior_log_odds")]
+    evidence = validation[["log_odds", "label", "prior_log_odds"]].to_numpy().T
     prior = float(data.labels.double().mean())
     decoder = Decoder(input_format, networks, fit_temperature(*evidence), prior)
     return decoder, validation, history
@@ -183,9 +171,8 @@ def _batches(training, generators, size):
     """
     shortest = min(len(rows) for rows in training)
     size = min(size, shortest)
-    n = shortest // size * size
     order = [
-        rows[torch.randperm(len(rows), generator=generator)[:n]]
+        rows[torch.randperm(len(rows), generator=generator)[: shortest // size * size]]
         for rows, generator in zip(training, generators, strict=True)
     ]
     return torch.stack(order).view(len(training), -1, size).transpose(0, 1)
@@ -201,10 +188,7 @@ def _losses(logits, data, rows):
 def _validation_losses(networks, data):
     """Mean loss of every network on its own validation subjects."""
     networks.eval()
-    longest = max(len(rows) for rows in data.validation)
-    rows = torch.stack(
-        [F.pad(r[None], (0, longest - len(r)), "replicate")[0] for r in data.validation]
-    )
+    rows = torch.nn.utils.rnn.pad_sequence(data.validation, batch_first=True)
     losses = _losses(networks(data.x[:, rows]), data, rows)
     return [float(loss[: len(r)].mean()) for loss, r in zip(losses, data.validation, strict=True)]
 
