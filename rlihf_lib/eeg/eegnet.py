@@ -25,20 +25,14 @@ class Architecture:
 
     n_channels: int
     n_times: int
-    F1: int = 8
-    """Temporal filters."""
-    D: int = 2
-    """Spatial filters per temporal filter."""
-    F2: int = 16
-    """Pointwise filters of the separable convolution."""
-    kernel: int = 64
-    """Samples of a temporal filter: half a second."""
-    kernel_separable: int = 16
-    """Samples of the second temporal convolution, after the first pooling."""
+    F1: int = 8  # temporal filters
+    D: int = 2  # spatial filters per temporal filter
+    F2: int = 16  # pointwise filters of the separable convolution
+    kernel: int = 64  # samples of a temporal filter: half a second
+    kernel_separable: int = 16  # samples of the second one, after the first pooling
     pool1: int = 4
     pool2: int = 8
-    dropout: float = 0.25
-    """Published: 0.25 across subjects, 0.5 within."""
+    dropout: float = 0.25  # published: 0.25 across subjects, 0.5 within
 
     def __post_init__(self):
         if self.n_times < self.pool1 * self.pool2:

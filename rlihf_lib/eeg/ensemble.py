@@ -6,14 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from rlihf_lib.eeg.eegnet import (
-    BATCH_NORM_EPS,
-    BATCH_NORM_MOMENTUM,
-    DENSE_MAX_NORM,
-    SPATIAL_MAX_NORM,
-    Architecture,
-    EEGNet,
-)
+from rlihf_lib.eeg import eegnet
+from rlihf_lib.eeg.eegnet import Architecture, EEGNet
 
 
 class EEGNetBatch(nn.Module):
@@ -114,11 +108,11 @@ class EEGNetBatch(nn.Module):
             second = torch.einsum("gfk,gkl,gfl->gf", temporal, moments[1], temporal)
             variance = second - mean**2
             with torch.no_grad():
-                self.norm1_running_mean.lerp_(mean, BATCH_NORM_MOMENTUM)
-                self.norm1_running_var.lerp_(variance, BATCH_NORM_MOMENTUM)
+                self.norm1_running_mean.lerp_(mean, eegnet.BATCH_NORM_MOMENTUM)
+                self.norm1_running_var.lerp_(variance, eegnet.BATCH_NORM_MOMENTUM)
         else:
             mean, variance = self.norm1_running_mean, self.norm1_running_var
-        scale = self.norm1_weight / torch.sqrt(variance + BATCH_NORM_EPS)
+        scale = self.norm1_weight / torch.sqrt(variance + eegnet.BATCH_NORM_EPS)
         return scale, self.norm1_bias - mean * scale
 
     def _norm(self, name, x):
@@ -127,7 +121,7 @@ class EEGNetBatch(nn.Module):
         mean, variance, scale, shift = (getattr(self, f"{name}_{part}").view(-1) for part in parts)
         y = F.batch_norm(
             x.reshape(1, -1, x.shape[-1]), mean, variance, scale, shift,
-            self.training, BATCH_NORM_MOMENTUM, BATCH_NORM_EPS,
+            self.training, eegnet.BATCH_NORM_MOMENTUM, eegnet.BATCH_NORM_EPS,
         )  # fmt: skip
         return y.view(x.shape)
 
@@ -135,8 +129,8 @@ class EEGNetBatch(nn.Module):
     def constrain(self) -> None:
         """Apply the published max-norm constraints to every network."""
         for weight, limit, dims in (
-            (self.spatial_weight, SPATIAL_MAX_NORM, (2, 3, 4)),
-            (self.dense_weight, DENSE_MAX_NORM, 2),
+            (self.spatial_weight, eegnet.SPATIAL_MAX_NORM, (2, 3, 4)),
+            (self.dense_weight, eegnet.DENSE_MAX_NORM, 2),
         ):
             norm = torch.linalg.vector_norm(weight, dim=dims, keepdim=True)
             weight.mul_(limit / norm.clamp_min(limit))

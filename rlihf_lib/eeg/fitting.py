@@ -21,30 +21,21 @@ from rlihf_lib.files import sha256
 class DecoderSettings:
     """Everything that decides what a decoder learns, except the data."""
 
-    max_epochs: int = 30
-    """Passes over the training subjects at most."""
-    patience: int = 8
-    """Passes without a better validation loss after which a network stops."""
+    max_epochs: int = 30  # passes over the training subjects at most
+    patience: int = 8  # passes without a better validation loss after which a network stops
+    #: Networks per fold, each with its own seed and validation subjects; log-odds are averaged.
     ensemble: int = 6
-    """Networks per fold, each with its own seed and validation subjects; their log-odds are
-    averaged."""
-    n_permutations: int = 1000
-    """Bootstrap resamples and label permutations behind intervals and chance levels."""
-    n_validation: int = 1
-    """Validation subjects of each network; the networks of a fold have different ones."""
+    n_permutations: int = 1000  # and bootstrap resamples, behind chance levels and intervals
+    n_validation: int = 1  # subjects of each network; the networks of a fold have different ones
+    #: Seconds after the feedback that are decoded, as far as the epochs reach. All components of
+    #: the error potential lie within.
     window: tuple = (0.0, 1.0)
-    """Seconds after the feedback that are decoded, as far as the epochs reach. All components of
-    the error potential lie within."""
-    channels: str = "eeg"
-    """Decoded channels: "eeg", or to check what eye movements contribute "eog" or "all"."""
+    channels: str = "eeg"  # or to check what eye movements contribute "eog" or "all"
     batch_size: int = 64
-    learning_rate: float = 3e-3
-    """Of Adam at the start; it falls to zero along a cosine over `max_epochs` passes."""
+    learning_rate: float = 3e-3  # of Adam; falls to zero along a cosine over `max_epochs` passes
     weight_decay: float = 0.0
-    averaging: float = 0.98
-    """Weight of the past in the running mean of each network's weights, which is what is used."""
-    dropout: float = 0.25
-    """Published value for decoding across subjects."""
+    averaging: float = 0.98  # weight of the past in the running mean of weights, which is used
+    dropout: float = 0.25  # published value for decoding across subjects
     seed: int = 0
 
 

@@ -121,9 +121,8 @@ def other_channels(folder, drop=()) -> dict[str, str]:
 def check_subject(subject, subjects, source) -> None:
     """Refuse a subject that is not one of `subjects`, and say which there are."""
     if subject not in subjects:
-        raise ValueError(
-            f"unknown subject {subject!r} in {source}; choose one of {', '.join(subjects)}"
-        )
+        known = ", ".join(subjects)
+        raise ValueError(f"unknown subject {subject!r} in {source}; choose one of {known}")
 
 
 def _channel_names(names, path):

@@ -94,14 +94,13 @@ def background(n_samples, model, person, rng) -> np.ndarray:
 
     Of the generators, `person` draws what stays the same in a person, `rng` what varies in time.
     """
-    n_channels = len(CHANNELS)
+    shape = len(CHANNELS), n_samples
     eeg = [name not in EOG_CHANNELS for name in CHANNELS]
     gain = _cortex()
     gain = gain * np.exp(model.background_spread * person.standard_normal(gain.shape[1]))[:, None]
-    gain = gain.reshape(n_channels, -1)
+    gain = gain.reshape(len(CHANNELS), -1)
     covariance = gain @ gain.T
     covariance *= model.background**2 / np.diag(covariance)[eeg].mean()
-    shape = n_channels, n_samples
     data = _root(covariance) @ coloured(shape, lambda f: (f + 0.5) ** -model.exponent, rng)
     peak = _ALPHA_RATE + person.standard_normal()
     waves = np.einsum("csd,sd->cs", lead_field(_ALPHA_PLACES), _ALPHA_DIRECTIONS)
@@ -111,8 +110,8 @@ def background(n_samples, model, person, rng) -> np.ndarray:
         (3, n_samples), lambda f: np.exp(-((f - peak) ** 2) / 2 / _ALPHA_WIDTH**2), rng
     )
     # Noise at the two mastoids enters every channel through the reference.
-    noise = np.eye(n_channels) + 0.5
-    return data + model.noise * (_root(noise) @ rng.standard_normal(data.shape))
+    noise = np.eye(len(CHANNELS)) + 0.5
+    return data + model.noise * (_root(noise) @ rng.standard_normal(shape))
 
 
 def _person(components, oddness, person, model):

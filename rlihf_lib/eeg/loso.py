@@ -24,7 +24,7 @@ from rlihf_lib.eeg.streaming import replay
 from rlihf_lib.files import canonical_json, sha256, write_csv, write_text
 from rlihf_lib.progress import Progress
 
-TABLES = ("p_error", "training", "scores")
+TABLES = ("p_error", "training", "scores")  # the last is what `run_loso` returns
 _VERSION = 1  # raise when the method changes in anything but its settings
 _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a small fold
 
@@ -40,11 +40,8 @@ def recorded_cohort(eeg, subjects, events=("correct", "error"), drop_channels=()
     share is lost: on validation subjects of the NER 2015 feedback potentials AUROC fell from 0.69
     to 0.64. The paper says "re-referencing"; its recordings come referenced to linked mastoids.
     """
-    correct, error = events
-    settings = Preprocessing(
-        reference="recorded", correct_event=correct, error_event=error,
-        drop_channels=tuple(drop_channels),
-    )  # fmt: skip
+    names = dict(zip(("correct_event", "error_event"), events, strict=True))
+    settings = Preprocessing(reference="recorded", drop_channels=tuple(drop_channels), **names)
     return Cohort(eeg, tuple(subjects), settings)
 
 
@@ -197,16 +194,10 @@ def _fold_key(fold, settings, input_format, identities):
 def _is_done(folder, subject, key):
     target = folder / "folds" / subject
     files = [target / f"{name}.csv" for name in TABLES]
-    files += [folder / "weights" / f"{subject}.safetensors"]
+    files.append(folder / "weights" / f"{subject}.safetensors")
     try:
         found = json.loads((target / "fold.json").read_text())
-        return (
-            all(file.is_file() for file in files)
-            and found["hash"] == key["hash"]
-            and all(
-                same_power(found["power"][subject], power)
-                for subject, power in key["power"].items()
-            )
-        )
+        same = [same_power(found["power"][person], power) for person, power in key["power"].items()]
+        return found["hash"] == key["hash"] and all(same) and all(map(Path.is_file, files))
     except (FileNotFoundError, ValueError, KeyError):
         return False

@@ -25,19 +25,15 @@ class Preprocessing:
     #: Band of the paper, Hz. Zero-phase FIR (MNE's `firwin` design, Hamming window, 3.3 s long).
     l_freq: float = 1.0
     h_freq: float = 20.0
-    #: "average" re-references to the mean of the EEG channels; "recorded" keeps the recording's.
-    reference: str = "average"
-    #: Hz. Recordings above it are resampled, those below stay as they are.
-    sfreq: float = 256.0
+    reference: str = "average"  # of the EEG channels; "recorded" keeps the recording's
+    sfreq: float = 256.0  # Hz; recordings above it are resampled, those below stay as they are
     #: Window from the feedback onset on, s. There is no baseline correction: the 1-Hz high-pass has
     #: taken the offset away, and a window that starts at the onset is what a stream can cut.
     duration: float = 2.0
-    #: V, peak to peak within the window; above it on any EEG channel an epoch is an artefact.
-    reject: float = 200e-6
-    #: Names of the events in a folder of epochs.
+    reject: float = 200e-6  # V, peak to peak on any EEG channel, above which is an artefact
+    #: Of a folder of epochs: names of the events, channels that are left out.
     correct_event: str = "correct"
     error_event: str = "error"
-    #: Channels of a folder of epochs that are left out.
     drop_channels: tuple = ()
 
     def __post_init__(self):

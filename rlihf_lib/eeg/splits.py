@@ -18,13 +18,11 @@ class Fold:
     A ValueError refuses a fold in which a subject has two roles, or a network lacks one.
     """
 
-    test: str
-    """Held-out subject."""
-    pool: tuple
-    """Everybody else."""
+    test: str  # held-out subject
+    pool: tuple  # everybody else
+    #: For every network the subjects of the pool, a tuple of str, that decide when its training
+    #: stops. The rest of the pool trains it.
     validation: tuple
-    """For every network the subjects of the pool, a tuple of str, that decide when its training
-    stops. The rest of the pool trains it."""
 
     def __post_init__(self):
         if self.test in self.pool:
