@@ -57,11 +57,10 @@ def refuse_unlocated(info, path) -> None:
 
 
 def channel_auroc(signals, labels) -> np.ndarray:
-    """How well each channel alone tells the classes, by its mean in each of some time bins.
+    """AUROC of each channel alone, by its mean in time bins and, last, in the whole epoch.
 
-    Of signals, shape (n, n_channels, n_times), before any re-referencing, which would spread a
-    leak over all channels. AUROC, 0 to 1, shape (n_channels, n_bins + 1); last that of the mean
-    over the epoch.
+    From signals (n, n_channels, n_times) that are not re-referenced, which would spread a leak over
+    all channels, to shape (n_channels, n_bins + 1).
     """
     bins = np.array_split(signals, min(BINS, signals.shape[2]), axis=2)
     return auroc(np.stack([part.mean(axis=2) for part in (*bins, signals)], axis=2), labels)

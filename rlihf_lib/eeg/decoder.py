@@ -37,9 +37,8 @@ class Decoder:
     def log_odds(self, signals) -> np.ndarray:
         """Logit of error minus logit of correct, the mean over the networks, shape (n,).
 
-        Of preprocessed epochs in volts, shape (n, n_channels, n_times), channels in the order of
-        `input_format.channels`. A ValueError says if the shape does not fit or a value is not
-        finite.
+        Of preprocessed epochs in volts, shape (n, n_channels, n_times), channels as in
+        `input_format`. A ValueError says if the shape does not fit or a value is not finite.
         """
         expected = (len(self.input_format.channels), self.input_format.n_times)
         if signals.ndim != 3 or signals.shape[1:] != expected:
@@ -59,14 +58,10 @@ class Decoder:
     def patterns(self, signals, network=0) -> tuple[np.ndarray, np.ndarray]:
         """What the filters of one network follow in epochs as for `log_odds`.
 
-        Returns
-        -------
-        temporal : ndarray, shape (F1, kernel)
-            Temporal filters, at `input_format.network_sfreq`.
-        patterns : ndarray, shape (F1, D, n_channels)
-            Cov(x) w / Var(w x), x the signals behind the temporal filter: the activity that a
-            spatial filter w follows. Its weights themselves also serve to cancel noise, and say
-            nothing of places (Haufe et al. 2014, NeuroImage 87, 96-110).
+        Temporal filters, shape (F1, kernel), at `input_format.network_sfreq`; patterns, shape
+        (F1, D, n_channels): Cov(x) w / Var(w x), x the signals behind the temporal filter, the
+        activity that a spatial filter w follows. Its weights themselves also serve to cancel
+        noise, and say nothing of places (Haufe et al. 2014, NeuroImage 87, 96-110).
         """
         state = self.networks.network_state(network)
         temporal = state["temporal.weight"].detach().numpy()[:, 0, 0]

@@ -20,8 +20,7 @@ class EEGNetBatch(nn.Module):
       sees `D` signals instead of `n_channels`.
     - The first batch normalisation would still need the mean and variance over all temporally
       filtered channels. Both follow from the input alone: with p the patch of samples under a
-      filter h, E[y] = h'E[p] and E[y^2] = h'E[pp']h. `patch_moments` computes the two
-      expectations once per epoch.
+      filter h, E[y] = h'E[p] and E[y^2] = h'E[pp']h. `patch_moments` computes them per epoch.
     - A convolution of a short signal is a product with a banded (Toeplitz) matrix, and the
       products of all networks are one batched product.
 
@@ -72,13 +71,10 @@ class EEGNetBatch(nn.Module):
         return patches.mean(1), patches.transpose(1, 2) @ patches / patches.shape[1]
 
     def forward(self, x: torch.Tensor, moments=None) -> torch.Tensor:
-        """Map epochs to logits, shape (n_networks, n, 2), each network its own epochs.
+        """Logits, shape (n_networks, n, 2), of epochs, shape (n_channels, n_networks, n, n_times).
 
-        Parameters
-        ----------
-        x : Tensor, shape (n_channels, n_networks, n, n_times)
-        moments : pair of Tensor, shapes (n_networks, kernel), (n_networks, kernel, kernel)
-            Means over each network's epochs of `patch_moments`; needed in training mode.
+        `moments`, needed in training mode, are the means over each network's epochs of
+        `patch_moments`, shapes (n_networks, kernel) and (n_networks, kernel, kernel).
         """
         a, g = self.architecture, self.n_networks
         n_filters, n = a.F1 * a.D, x.shape[2]

@@ -66,10 +66,9 @@ def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.Da
     All networks of the fold are trained as one (`ensemble.EEGNetBatch`), by Adam on the
     cross-entropy. How many errors a subject makes is added to the logits, as its prior log-odds
     (logit adjustment: Menon et al. 2021, ICLR, here per subject). What is left to learn is the
-    evidence in the EEG, not who makes many errors.
-    Each network keeps the weights of the pass with the lowest loss on its validation subjects.
-    One temperature is then fitted to the log-odds that the networks give their own validation
-    subjects.
+    evidence in the EEG, not who makes many errors. Each network keeps the weights of the pass with
+    the lowest loss on its validation subjects. One temperature is then fitted to the log-odds that
+    the networks give these.
     """
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     members = range(len(pool.fold.validation))
@@ -116,8 +115,7 @@ def join(pool, members, device="cpu") -> FoldData:
 def train(networks, data, seeds, settings) -> pd.DataFrame:
     """Train networks, an `EEGNetBatch`, in place and leave each with its best weights.
 
-    `seeds` are those of every network's order of epochs. The table's columns are network, pass,
-    training_loss, validation_loss.
+    `seeds` are those of every network's order of epochs. The table has a row per network and pass.
     """
     rate, decay = settings.learning_rate, settings.weight_decay
     optimizer = torch.optim.Adam(networks.parameters(), rate, weight_decay=decay, fused=True)

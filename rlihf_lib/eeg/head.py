@@ -25,7 +25,6 @@ _ALPHA_DIRECTIONS = ((-0.3, -1.0, 0.2), (0.3, -1.0, 0.2), (0.0, -1.0, 0.5))
 _ALPHA_RATE, _ALPHA_WIDTH = 10.0, 0.9  # Hz, mean over people and SD of the peak
 _EYES = ((-0.33, 0.72, -0.30), (0.33, 0.72, -0.30))
 RESPONSE, BLINK, GAZE, MOVEMENT = 1.2, 0.5, 1.6, 0.6  # s, how long each lasts
-FRAME_DELAY = 1.0  # s after the feedback the frame changes again
 BLINK_SIZE, SACCADE_SIZE = (70, 130), (3, 12)  # uV, from and to, at Fp1 and at the EOG electrodes
 SACCADE = 0.008  # s, time constant
 N_MOVEMENTS, MOVEMENT_SIZE = 12, 120  # a recording; uV, SD over electrodes
@@ -137,11 +136,8 @@ def _bumps(time, latency, width):
 
 
 def add_responses(data, trials, subject, model, rngs) -> None:
-    """Add each trial's response to feedback and, on errors, the error response.
-
-    The pair of generators draws what is the person's, and what is the trial's.
-    """
-    person, rng = rngs
+    """Add each trial's response to feedback and, on errors, the error response."""
+    person, rng = rngs  # for what is the person's, for what is the trial's
     gain, shift, oddness = model.people[subject]
     always = _person(model.feedback, oddness, person, model)
     on_error = _person(model.error, oddness, person, model)
@@ -153,7 +149,7 @@ def add_responses(data, trials, subject, model, rngs) -> None:
         topography, latency, width = always
         response = topography @ _bumps(time, latency + shift, width)
         # The frame a second later is seen too: the same visual response, 1 s on.
-        for begin in (first, first + int(FRAME_DELAY * SFREQ)):
+        for begin in (first, first + int(SFREQ)):
             data[:, begin : begin + n_samples] += response
         if trial.error and attention > model.lapse:
             size = gain * np.exp(model.trial_spread * spread - model.trial_spread**2 / 2)

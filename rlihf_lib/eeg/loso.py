@@ -55,12 +55,11 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
     ----------
     cohort : Mapping
         Of at least three subjects: subject -> preprocessed `mne.Epochs` with events "correct" and
-        "error" and a metadata column `epoch`. It is pickled, since worker processes ask it for the
-        held-out subject.
+        "error" and a metadata column `epoch`. Pickled, for workers ask it for the held-out subject.
     folder : Path
-        Receives scores.csv, p_error.csv, training.csv, config.json and
-        weights/<subject>.safetensors. Finished folds lie in folds/<subject>/ and, unless you
-        `recompute`, are skipped by the next call if settings and data are the same.
+        Receives the `TABLES`, config.json and weights/<subject>.safetensors. Finished folds lie in
+        folds/<subject>/ and, unless you `recompute`, are skipped by the next call if settings and
+        data are the same.
     workers : int
         Processes, one fold each at a time; 0 = as many as there are cores.
 

@@ -101,9 +101,9 @@ SCORES: dict[str, Callable] = {
 def score(p_error, p_raw, labels, prior, n_resamples, rng) -> dict[str, float]:
     """Score one held-out subject.
 
-    From p(error), calibrated and uncalibrated, of epochs of both classes (1 = error), and the
-    fraction of errors among the training epochs. `n_resamples` is the number of bootstrap
-    resamples (over trials, within each class) and of label permutations.
+    From p(error), calibrated and uncalibrated, of epochs of both classes (1 = error), the fraction
+    of errors among the training epochs, and the number of bootstrap resamples (over trials, within
+    each class) and label permutations.
 
     Returns
     -------

@@ -25,10 +25,9 @@ class RingBuffer:
         self._samples = np.zeros((n_channels, n_windows * n_times))
 
     def mark(self, sample) -> None:
-        """Ask for the window of an event, `sample` samples from the first of the stream on.
+        """Ask for the window of an event at a sample of the stream, which may be still to come.
 
-        It may lie in the future. A ValueError says if the window starts before the stream or has
-        been overwritten already.
+        A ValueError says if it starts before the stream or has been overwritten already.
         """
         start = int(sample) + self.offset
         oldest = max(0, self.n_received - self._samples.shape[1])
@@ -40,10 +39,9 @@ class RingBuffer:
         self._pending.append(int(sample))
 
     def push(self, chunk) -> Iterator[tuple[int, np.ndarray]]:
-        """Append samples, shape (n_channels, any n).
+        """Append samples, shape (n_channels, any n); of events now complete, sample and window.
 
-        Yields every event whose window is complete: its sample, and a copy of the window, shape
-        (n_channels, n_times).
+        The windows are copies, shape (n_channels, n_times).
         """
         chunk = np.asarray(chunk)
         if chunk.ndim != 2 or len(chunk) != len(self._samples):
