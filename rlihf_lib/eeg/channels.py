@@ -27,10 +27,9 @@ def require_channels(names, required, path) -> None:
 
 def set_positions(instance) -> None:
     """Give EEG channels without a position the one of the 10-05 system, by their name."""
-    eeg = [
-        instance.info["chs"][pick] for pick in mne.pick_types(instance.info, eeg=True, exclude=())
-    ]
-    own = {channel["ch_name"]: channel["loc"][:3].copy() for channel in eeg if _is_located(channel)}
+    picks = mne.pick_types(instance.info, eeg=True, exclude=())
+    eeg = {instance.ch_names[pick]: instance.info["chs"][pick] for pick in picks}
+    own = {name: channel["loc"][:3].copy() for name, channel in eeg.items() if _is_located(channel)}
     if len(own) == len(eeg):
         return
     head = [
@@ -39,11 +38,10 @@ def set_positions(instance) -> None:
     ]
     # The 10-20 system has O9 and O10 beside those of the 10-05; what both have is equal.
     named = {n.lower(): place for system in head for n, place in system.pop("ch_pos").items()}
-    lost = [channel["ch_name"] for channel in eeg if channel["ch_name"] not in own]
-    found = {name: named[name.lower()] for name in lost if name.lower() in named}
+    found = {name: named[name.lower()] for name in eeg if name.lower() in named}
     landmarks = {name: head[1][name] for name in ("nasion", "lpa", "rpa", "coord_frame")}
     # One montage for all: a second one would take from the others what they have.
-    montage = mne.channels.make_dig_montage(own | found, **landmarks)
+    montage = mne.channels.make_dig_montage(found | own, **landmarks)
     instance.set_montage(montage, on_missing="ignore", verbose="error")
 
 
@@ -59,11 +57,10 @@ def refuse_unlocated(info, path) -> None:
 
 
 def channel_auroc(signals, labels) -> np.ndarray:
-    """How well each channel alone tells the classes, by its mean in each of some time bins.
+    """AUROC of each channel alone, by its mean in time bins and, last, in the whole epoch.
 
-    Of signals, shape (n, n_channels, n_times), before any re-referencing, which would spread a
-    leak over all channels. AUROC, 0 to 1, shape (n_channels, n_bins + 1); last that of the mean
-    over the epoch.
+    From signals (n, n_channels, n_times) that are not re-referenced, which would spread a leak over
+    all channels, to shape (n_channels, n_bins + 1).
     """
     bins = np.array_split(signals, min(BINS, signals.shape[2]), axis=2)
     return auroc(np.stack([part.mean(axis=2) for part in (*bins, signals)], axis=2), labels)
@@ -72,8 +69,8 @@ def channel_auroc(signals, labels) -> np.ndarray:
 def refuse_leaks(aurocs, channels, source) -> np.ndarray:
     """Refuse channels that tell the classes better than `MAX_AUROC` over all people.
 
-    From one `channel_auroc` per person to the best AUROC of each channel, in either direction,
-    averaged over people, shape (n_channels,). `source` is for the message.
+    From one `channel_auroc` per person to the best of each channel, in either direction, averaged
+    over people, shape (n_channels,). `source` is for the message, here and below.
     """
     best = 0.5 + np.abs(np.mean(aurocs, axis=0) - 0.5).max(axis=1)
     known = {name: value for name, value in zip(channels, best, strict=True) if value > MAX_AUROC}
@@ -87,18 +84,14 @@ def refuse_leaks(aurocs, channels, source) -> np.ndarray:
 
 
 def single_channels(cohort, source) -> pd.Series:
-    """Refuse leaks; best AUROC of each channel alone (`refuse_leaks`), the highest first.
-
-    `cohort` maps subjects to preprocessed `mne.Epochs` in the recorded reference; `source` is for
-    the message.
-    """
+    """What `refuse_leaks` finds of a cohort in the recorded reference, the highest AUROC first."""
     aurocs: list[np.ndarray] = []
     channels: tuple[str, ...] = ()
     for subject in cohort:
         epochs = SubjectEpochs.from_mne(subject, cohort[subject])
         channels = channels or epochs.channels
-        order = [epochs.channels.index(name) for name in channels if name in epochs.channels]
-        if len(order) == len(channels):  # who lacks one is refused where epochs are decoded
+        if set(channels) <= set(epochs.channels):  # who lacks one is refused where it is decoded
+            order = [epochs.channels.index(name) for name in channels]
             aurocs.append(channel_auroc(epochs.signals[:, order], epochs.labels))
     best = refuse_leaks(aurocs, channels, source)
     return pd.Series(best, channels, name="AUROC").sort_values(ascending=False)

@@ -17,11 +17,7 @@ from rlihf_lib.files import atomic_path
 
 
 class Decoder:
-    """An ensemble of EEGNets with one temperature.
-
-    `input_format` says what channels, sampling rate and window it was trained on, `prior` what
-    fraction of the epochs of its training pool were errors.
-    """
+    """EEGNets with one temperature; `prior` is the fraction of errors in their training pool."""
 
     def __init__(
         self, input_format: InputFormat, networks: EEGNetBatch, temperature=1.0, prior=0.5
@@ -39,18 +35,10 @@ class Decoder:
 
     @torch.no_grad()
     def log_odds(self, signals) -> np.ndarray:
-        """Decode epochs.
+        """Logit of error minus logit of correct, the mean over the networks, shape (n,).
 
-        Parameters
-        ----------
-        signals : ndarray, shape (n, n_channels, n_times)
-            Preprocessed, in volts, channels in the order of `input_format.channels`. A ValueError
-            says if the shape does not fit or a value is not finite.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Logit of error minus logit of correct, the mean over the networks.
+        Of preprocessed epochs in volts, shape (n, n_channels, n_times), channels as in
+        `input_format`. A ValueError says if the shape does not fit or a value is not finite.
         """
         expected = (len(self.input_format.channels), self.input_format.n_times)
         if signals.ndim != 3 or signals.shape[1:] != expected:
@@ -70,27 +58,22 @@ class Decoder:
     def patterns(self, signals, network=0) -> tuple[np.ndarray, np.ndarray]:
         """What the filters of one network follow in epochs as for `log_odds`.
 
-        Returns
-        -------
-        temporal : ndarray, shape (F1, kernel)
-            Temporal filters, at `input_format.network_sfreq`.
-        patterns : ndarray, shape (F1, D, n_channels)
-            Cov(x) w / Var(w x), x the signals behind the temporal filter: the activity that a
-            spatial filter w follows. Its weights themselves also serve to cancel noise, and say
-            nothing of places (Haufe et al. 2014, NeuroImage 87, 96-110).
+        Temporal filters, shape (F1, kernel), at `input_format.network_sfreq`; patterns, shape
+        (F1, D, n_channels): Cov(x) w / Var(w x), x the signals behind the temporal filter, the
+        activity that a spatial filter w follows. Its weights themselves also serve to cancel
+        noise, and say nothing of places (Haufe et al. 2014, NeuroImage 87, 96-110).
         """
         state = self.networks.network_state(network)
         temporal = state["temporal.weight"].detach().numpy()[:, 0, 0]
-        weights = state["spatial.weight"].detach().numpy()[:, 0, :, 0]
+        weights = state["spatial.weight"].detach().numpy()
         weights = weights.reshape(len(temporal), -1, signals.shape[1])
         conditioned = self.input_format.condition(signals)
-        patterns = np.empty_like(weights)
-        for kernel, filters, found in zip(temporal, weights, patterns, strict=True):
+        patterns = []
+        for kernel, filters in zip(temporal, weights, strict=True):
             x = correlate1d(conditioned, kernel, axis=-1, mode="constant")
-            covariance = np.cov(x.swapaxes(0, 1).reshape(x.shape[1], -1))
-            followed = filters @ covariance
-            found[:] = followed / (followed * filters).sum(axis=1, keepdims=True)
-        return temporal, patterns
+            followed = filters @ np.cov(x.swapaxes(0, 1).reshape(x.shape[1], -1))
+            patterns.append(followed / (followed * filters).sum(axis=1, keepdims=True))
+        return temporal, np.array(patterns)
 
     def save(self, path) -> None:
         """Write weights and everything needed to use them to a safetensors file, atomically."""
@@ -101,8 +84,7 @@ class Decoder:
             "prior": self.prior,
         }
         # Trained in single precision, so nothing is lost.
-        state = self.networks.state_dict()
-        tensors = {name: value.float().contiguous() for name, value in state.items()}
+        tensors = {n: value.float().contiguous() for n, value in self.networks.state_dict().items()}
         with atomic_path(path) as temporary:
             # One entry, because safetensors writes several in random order.
             temporary.write_bytes(save(tensors, metadata={"decoder": json.dumps(header)}))

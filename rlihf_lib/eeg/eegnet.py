@@ -25,20 +25,14 @@ class Architecture:
 
     n_channels: int
     n_times: int
-    F1: int = 8
-    """Temporal filters."""
-    D: int = 2
-    """Spatial filters per temporal filter."""
-    F2: int = 16
-    """Pointwise filters of the separable convolution."""
-    kernel: int = 64
-    """Samples of a temporal filter: half a second."""
-    kernel_separable: int = 16
-    """Samples of the second temporal convolution, after the first pooling."""
+    F1: int = 8  # temporal filters
+    D: int = 2  # spatial filters per temporal filter
+    F2: int = 16  # pointwise filters of the separable convolution
+    kernel: int = 64  # samples of a temporal filter: half a second
+    kernel_separable: int = 16  # samples of the second one, after the first pooling
     pool1: int = 4
     pool2: int = 8
-    dropout: float = 0.25
-    """Published: 0.25 across subjects, 0.5 within."""
+    dropout: float = 0.25  # published: 0.25 across subjects, 0.5 within
 
     def __post_init__(self):
         if self.n_times < self.pool1 * self.pool2:
@@ -46,11 +40,6 @@ class Architecture:
                 f"{self.n_times} samples are too few for pooling by {self.pool1} x {self.pool2}; "
                 f"give epochs of at least {self.pool1 * self.pool2} samples"
             )
-
-    @property
-    def n_features(self) -> int:
-        """Inputs of the dense layer."""
-        return self.F2 * (self.n_times // self.pool1 // self.pool2)
 
 
 class EEGNet(nn.Module):
@@ -65,15 +54,14 @@ class EEGNet(nn.Module):
         a = self.architecture = architecture
         n = a.F1 * a.D
         self.temporal = nn.Conv2d(1, a.F1, (1, a.kernel), padding="same", bias=False)
-        self.norm1 = _batch_norm(a.F1)
+        self.norm1 = nn.BatchNorm2d(a.F1, BATCH_NORM_EPS, BATCH_NORM_MOMENTUM)
         self.spatial = nn.Conv2d(a.F1, n, (a.n_channels, 1), groups=a.F1, bias=False)
-        self.norm2 = _batch_norm(n)
-        self.separable = nn.Conv2d(
-            n, n, (1, a.kernel_separable), padding="same", groups=n, bias=False
-        )
+        self.norm2 = nn.BatchNorm2d(n, BATCH_NORM_EPS, BATCH_NORM_MOMENTUM)
+        second = (1, a.kernel_separable)
+        self.separable = nn.Conv2d(n, n, second, padding="same", groups=n, bias=False)
         self.pointwise = nn.Conv2d(n, a.F2, 1, bias=False)
-        self.norm3 = _batch_norm(a.F2)
-        self.dense = nn.Linear(a.n_features, 2)
+        self.norm3 = nn.BatchNorm2d(a.F2, BATCH_NORM_EPS, BATCH_NORM_MOMENTUM)
+        self.dense = nn.Linear(a.F2 * (a.n_times // a.pool1 // a.pool2), 2)
         for name, weight in self.named_parameters():
             if weight.dim() > 1:
                 nn.init.xavier_uniform_(weight)
@@ -81,10 +69,7 @@ class EEGNet(nn.Module):
                 nn.init.zeros_(weight)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Map epochs, shape (n, n_channels, n_times), to logits of correct and error, (n, 2).
-
-        `softmax` of them is Eq. (1).
-        """
+        """Logits of correct and error, (n, 2), for Eq. (1); of epochs (n, n_channels, n_times)."""
         a = self.architecture
         x = self.norm1(self.temporal(x[:, None]))
         x = F.elu(self.norm2(self.spatial(x)))
@@ -108,15 +93,6 @@ def half_second_architecture(n_channels, n_times, sfreq, dropout=0.25) -> Archit
     """
     pool1 = max(1, round(sfreq / 32))
     return Architecture(
-        n_channels,
-        n_times,
-        kernel=math.ceil(sfreq / 2),
-        kernel_separable=math.ceil(sfreq / pool1 / 2),
-        pool1=pool1,
-        pool2=4,
-        dropout=dropout,
-    )
-
-
-def _batch_norm(n):
-    return nn.BatchNorm2d(n, eps=BATCH_NORM_EPS, momentum=BATCH_NORM_MOMENTUM)
+        n_channels, n_times, kernel=math.ceil(sfreq / 2),
+        kernel_separable=math.ceil(sfreq / pool1 / 2), pool1=pool1, pool2=4, dropout=dropout,
+    )  # fmt: skip

@@ -1,17 +1,13 @@
 """Many EEGNets computed as one, which is why leave-one-subject-out is fast."""
 
+from typing import TYPE_CHECKING, Any
+
 import torch
 from torch import nn
 from torch.nn import functional as F
 
-from rlihf_lib.eeg.eegnet import (
-    BATCH_NORM_EPS,
-    BATCH_NORM_MOMENTUM,
-    DENSE_MAX_NORM,
-    SPATIAL_MAX_NORM,
-    Architecture,
-    EEGNet,
-)
+from rlihf_lib.eeg import eegnet
+from rlihf_lib.eeg.eegnet import Architecture, EEGNet
 
 
 class EEGNetBatch(nn.Module):
@@ -24,8 +20,7 @@ class EEGNetBatch(nn.Module):
       sees `D` signals instead of `n_channels`.
     - The first batch normalisation would still need the mean and variance over all temporally
       filtered channels. Both follow from the input alone: with p the patch of samples under a
-      filter h, E[y] = h'E[p] and E[y^2] = h'E[pp']h. `patch_moments` computes the two
-      expectations once per epoch.
+      filter h, E[y] = h'E[p] and E[y^2] = h'E[pp']h. `patch_moments` computes them per epoch.
     - A convolution of a short signal is a product with a banded (Toeplitz) matrix, and the
       products of all networks are one batched product.
 
@@ -33,16 +28,9 @@ class EEGNetBatch(nn.Module):
     weight and running statistic of `EEGNet` is here under its own name, stacked over networks.
     """
 
-    temporal_weight: torch.Tensor
-    spatial_weight: torch.Tensor
-    separable_weight: torch.Tensor
-    pointwise_weight: torch.Tensor
-    dense_weight: torch.Tensor
-    dense_bias: torch.Tensor
-    norm1_weight: torch.Tensor
-    norm1_bias: torch.Tensor
-    norm1_running_mean: torch.Tensor
-    norm1_running_var: torch.Tensor
+    if TYPE_CHECKING:  # of what is registered by name
+
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, architecture: Architecture, seeds):
         super().__init__()
@@ -53,16 +41,13 @@ class EEGNetBatch(nn.Module):
             with torch.random.fork_rng(devices=[]):
                 torch.manual_seed(seed)
                 networks.append(EEGNet(architecture))
-        states = [network.state_dict() for network in networks]
-        trainable = {name for name, _ in networks[0].named_parameters()}
-        self._names = [name for name in states[0] if not name.endswith("num_batches_tracked")]
-        for name in self._names:
-            stacked = torch.stack([state[name] for state in states])
-            attribute = name.replace(".", "_")
-            if name in trainable:
-                self.register_parameter(attribute, nn.Parameter(stacked))
-            else:
-                self.register_buffer(attribute, stacked)
+        weights, statistics = torch.func.stack_module_state(networks)
+        statistics = {n: v for n, v in statistics.items() if not n.endswith("num_batches_tracked")}
+        for name, stacked in weights.items():
+            self.register_parameter(name.replace(".", "_"), nn.Parameter(stacked))
+        for name, stacked in statistics.items():
+            self.register_buffer(name.replace(".", "_"), stacked)
+        self._names = [*weights, *statistics]
 
     def network_state(self, index) -> dict[str, torch.Tensor]:
         """State of one network, for `EEGNet.load_state_dict(..., strict=False)`."""
@@ -78,7 +63,7 @@ class EEGNetBatch(nn.Module):
     def patch_moments(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """First and second moments of the patches a temporal filter sees in each of some epochs.
 
-        From shape (n, n_channels, n_times) to shapes (n, kernel) and (n, kernel, kernel).
+        From (n, n_channels, n_times) to (n, kernel) and (n, kernel, kernel).
         """
         kernel = self.architecture.kernel
         left = (kernel - 1) // 2
@@ -86,13 +71,10 @@ class EEGNetBatch(nn.Module):
         return patches.mean(1), patches.transpose(1, 2) @ patches / patches.shape[1]
 
     def forward(self, x: torch.Tensor, moments=None) -> torch.Tensor:
-        """Map epochs to logits, shape (n_networks, n, 2), each network its own epochs.
+        """Logits, shape (n_networks, n, 2), of epochs, shape (n_channels, n_networks, n, n_times).
 
-        Parameters
-        ----------
-        x : Tensor, shape (n_channels, n_networks, n, n_times)
-        moments : pair of Tensor, shapes (n_networks, kernel), (n_networks, kernel, kernel)
-            Means over each network's epochs of `patch_moments`; needed in training mode.
+        `moments`, needed in training mode, are the means over each network's epochs of
+        `patch_moments`, shapes (n_networks, kernel) and (n_networks, kernel, kernel).
         """
         a, g = self.architecture, self.n_networks
         n_filters, n = a.F1 * a.D, x.shape[2]
@@ -122,11 +104,11 @@ class EEGNetBatch(nn.Module):
             second = torch.einsum("gfk,gkl,gfl->gf", temporal, moments[1], temporal)
             variance = second - mean**2
             with torch.no_grad():
-                self.norm1_running_mean.lerp_(mean, BATCH_NORM_MOMENTUM)
-                self.norm1_running_var.lerp_(variance, BATCH_NORM_MOMENTUM)
+                self.norm1_running_mean.lerp_(mean, eegnet.BATCH_NORM_MOMENTUM)
+                self.norm1_running_var.lerp_(variance, eegnet.BATCH_NORM_MOMENTUM)
         else:
             mean, variance = self.norm1_running_mean, self.norm1_running_var
-        scale = self.norm1_weight / torch.sqrt(variance + BATCH_NORM_EPS)
+        scale = self.norm1_weight / torch.sqrt(variance + eegnet.BATCH_NORM_EPS)
         return scale, self.norm1_bias - mean * scale
 
     def _norm(self, name, x):
@@ -135,7 +117,7 @@ class EEGNetBatch(nn.Module):
         mean, variance, scale, shift = (getattr(self, f"{name}_{part}").view(-1) for part in parts)
         y = F.batch_norm(
             x.reshape(1, -1, x.shape[-1]), mean, variance, scale, shift,
-            self.training, BATCH_NORM_MOMENTUM, BATCH_NORM_EPS,
+            self.training, eegnet.BATCH_NORM_MOMENTUM, eegnet.BATCH_NORM_EPS,
         )  # fmt: skip
         return y.view(x.shape)
 
@@ -143,8 +125,8 @@ class EEGNetBatch(nn.Module):
     def constrain(self) -> None:
         """Apply the published max-norm constraints to every network."""
         for weight, limit, dims in (
-            (self.spatial_weight, SPATIAL_MAX_NORM, (2, 3, 4)),
-            (self.dense_weight, DENSE_MAX_NORM, 2),
+            (self.spatial_weight, eegnet.SPATIAL_MAX_NORM, (2, 3, 4)),
+            (self.dense_weight, eegnet.DENSE_MAX_NORM, 2),
         ):
             norm = torch.linalg.vector_norm(weight, dim=dims, keepdim=True)
             weight.mul_(limit / norm.clamp_min(limit))
@@ -153,8 +135,8 @@ class EEGNetBatch(nn.Module):
 def toeplitz(kernels, n_times) -> torch.Tensor:
     """Write same-padded correlations as matrices: x @ M is x filtered.
 
-    From kernels h, shape (a, b, k), to M, shape (a * b, n_times, n_times), with
-    M[s, t] = h[s - t + (k - 1) // 2], zero outside the kernel.
+    From kernels h, shape (a, b, k), to M[s, t] = h[s - t + (k - 1) // 2], zero outside the kernel,
+    shape (a * b, n_times, n_times).
     """
     kernels = kernels.flatten(0, 1)
     left = (kernels.shape[-1] - 1) // 2

@@ -21,30 +21,21 @@ from rlihf_lib.files import sha256
 class DecoderSettings:
     """Everything that decides what a decoder learns, except the data."""
 
-    max_epochs: int = 30
-    """Passes over the training subjects at most."""
-    patience: int = 8
-    """Passes without a better validation loss after which a network stops."""
+    max_epochs: int = 30  # passes over the training subjects at most
+    patience: int = 8  # passes without a better validation loss after which a network stops
+    #: Networks per fold, each with its own seed and validation subjects; log-odds are averaged.
     ensemble: int = 6
-    """Networks per fold, each with its own seed and validation subjects; their log-odds are
-    averaged."""
-    n_permutations: int = 1000
-    """Bootstrap resamples and label permutations behind intervals and chance levels."""
-    n_validation: int = 1
-    """Validation subjects of each network; the networks of a fold have different ones."""
+    n_permutations: int = 1000  # and bootstrap resamples, behind chance levels and intervals
+    n_validation: int = 1  # subjects of each network; the networks of a fold have different ones
+    #: Seconds after the feedback that are decoded, as far as the epochs reach. All components of
+    #: the error potential lie within.
     window: tuple = (0.0, 1.0)
-    """Seconds after the feedback that are decoded, as far as the epochs reach. All components of
-    the error potential lie within."""
-    channels: str = "eeg"
-    """Decoded channels: "eeg", or to check what eye movements contribute "eog" or "all"."""
+    channels: str = "eeg"  # or to check what eye movements contribute "eog" or "all"
     batch_size: int = 64
-    learning_rate: float = 3e-3
-    """Of Adam at the start; it falls to zero along a cosine over `max_epochs` passes."""
+    learning_rate: float = 3e-3  # of Adam; falls to zero along a cosine over `max_epochs` passes
     weight_decay: float = 0.0
-    averaging: float = 0.98
-    """Weight of the past in the running mean of each network's weights, which is what is used."""
-    dropout: float = 0.25
-    """Published value for decoding across subjects."""
+    averaging: float = 0.98  # weight of the past in the running mean of weights, which is used
+    dropout: float = 0.25  # published value for decoding across subjects
     seed: int = 0
 
 
@@ -66,45 +57,32 @@ class FoldData:
 def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.DataFrame]:
     """Train and calibrate the decoder of one fold, on a GPU if there is one.
 
-    Parameters
-    ----------
-    pool : splits.TrainingPool
-        Subject -> (conditioned epochs (n, n_channels, m), labels (n,)). The held-out subject is
-        not in it, so nothing here can depend on that subject.
-    input_format : signals.InputFormat
-        How the epochs were conditioned; the decoder conditions new ones in the same way.
-    settings : DecoderSettings
-
-    Returns
-    -------
-    decoder : Decoder
-    validation, history : DataFrame
-        See `_validate` and `train`.
+    From a `splits.TrainingPool`, subject -> (epochs (n, n_channels, m), labels (n,)), conditioned
+    as the `signals.InputFormat` says, to the decoder and the tables of `_validate` and `train`.
+    The held-out subject is not in the pool, so nothing here can depend on that subject.
 
     Notes
     -----
     All networks of the fold are trained as one (`ensemble.EEGNetBatch`), by Adam on the
     cross-entropy. How many errors a subject makes is added to the logits, as its prior log-odds
     (logit adjustment: Menon et al. 2021, ICLR, here per subject). What is left to learn is the
-    evidence in the EEG, not who makes many errors.
-    Each network keeps the weights of the pass with the lowest loss on its validation subjects.
-    One temperature is then fitted to the log-odds that the networks give their own validation
-    subjects.
+    evidence in the EEG, not who makes many errors. Each network keeps the weights of the pass with
+    the lowest loss on its validation subjects. One temperature is then fitted to the log-odds that
+    the networks give these.
     """
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     members = range(len(pool.fold.validation))
     data = join(pool, members, device)
     seeds = [int(sha256(f"{settings.seed}/{pool.fold.test}/{n}")[:8], 16) for n in members]
     n_channels, _, n_times = data.x.shape
-    architecture = half_second_architecture(
-        n_channels, n_times, input_format.network_sfreq, settings.dropout
-    )
+    rate, dropout = input_format.network_sfreq, settings.dropout
+    architecture = half_second_architecture(n_channels, n_times, rate, dropout)
     networks = EEGNetBatch(architecture, seeds).to(device)
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seeds[0])  # dropout
         history = train(networks, data, seeds, settings)
     validation = _validate(networks.double().eval().cpu(), data)
-    evidence = [validation[name].to_numpy() for name in ("log_odds", "label", "prior_log_odds")]
+    evidence = validation[["log_odds", "label", "prior_log_odds"]].to_numpy().T
     prior = float(data.labels.double().mean())
     decoder = Decoder(input_format, networks, fit_temperature(*evidence), prior)
     return decoder, validation, history
@@ -137,8 +115,7 @@ def join(pool, members, device="cpu") -> FoldData:
 def train(networks, data, seeds, settings) -> pd.DataFrame:
     """Train networks, an `EEGNetBatch`, in place and leave each with its best weights.
 
-    `seeds` are those of every network's order of epochs. The table's columns are network, pass,
-    training_loss, validation_loss.
+    `seeds` are those of every network's order of epochs. The table has a row per network and pass.
     """
     rate, decay = settings.learning_rate, settings.weight_decay
     optimizer = torch.optim.Adam(networks.parameters(), rate, weight_decay=decay, fused=True)
@@ -183,9 +160,8 @@ def _batches(training, generators, size):
     """
     shortest = min(len(rows) for rows in training)
     size = min(size, shortest)
-    n = shortest // size * size
     order = [
-        rows[torch.randperm(len(rows), generator=generator)[:n]]
+        rows[torch.randperm(len(rows), generator=generator)[: shortest // size * size]]
         for rows, generator in zip(training, generators, strict=True)
     ]
     return torch.stack(order).view(len(training), -1, size).transpose(0, 1)
@@ -201,10 +177,7 @@ def _losses(logits, data, rows):
 def _validation_losses(networks, data):
     """Mean loss of every network on its own validation subjects."""
     networks.eval()
-    longest = max(len(rows) for rows in data.validation)
-    rows = torch.stack(
-        [F.pad(r[None], (0, longest - len(r)), "replicate")[0] for r in data.validation]
-    )
+    rows = torch.nn.utils.rnn.pad_sequence(data.validation, batch_first=True)
     losses = _losses(networks(data.x[:, rows]), data, rows)
     return [float(loss[: len(r)].mean()) for loss, r in zip(losses, data.validation, strict=True)]
 

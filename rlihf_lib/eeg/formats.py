@@ -20,24 +20,13 @@ _FDT_ITEM = 4  # bytes of a sample
 
 
 def read_eeglab(path) -> mne.io.RawArray:
-    """Read a continuous EEGLAB recording, strictly.
+    """Read a continuous EEGLAB recording strictly, its data in the `.set` or a `.fdt` beside it.
 
-    Its data may be embedded in the `.set` or lie in a `.fdt` beside it.
-
-    Returns
-    -------
-    mne.io.Raw
-        In volts, channels typed (names with EOG are ``eog``, all others ``eeg``), with the 10-05
-        positions of the names that have one, and the events as annotations. Those past the end of
-        the data are left out, with a warning of MNE's. Integers and digits, ``4``, are taken as
-        the BrainVision marker they stand for, ``S  4``. Repeated EOG labels are numbered.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the `.set`, or the `.fdt` it refers to, is missing.
-    ValueError
-        If a file is truncated, not EEGLAB's, epoched, holds NaN, or repeats an EEG channel.
+    Channels are typed (names with EOG are ``eog``, all others ``eeg``) and have the 10-05 positions
+    of their names; repeated EOG labels are numbered. Events are annotations, without those past
+    the end of the data, of which MNE warns. Integers and digits, ``4``, are taken as the
+    BrainVision marker they stand for, ``S  4``. A FileNotFoundError says if a file is missing, a
+    ValueError if one is truncated, not EEGLAB's, epoched, holds NaN, or repeats an EEG channel.
     """
     path = Path(path)
     try:
@@ -51,10 +40,15 @@ def read_eeglab(path) -> mne.io.RawArray:
             "data with the option 'Save files in v6 format' (File > Preferences)"
         ) from problem
     names = _channel_names(recorded.ch_names, path)
-    _refuse_truncated(Path(recorded.filenames[0]), len(names), recorded.n_times)
+    file, expected = Path(recorded.filenames[0]), len(names) * recorded.n_times * _FDT_ITEM
+    if file.suffix == ".fdt" and (size := file.stat().st_size) != expected:
+        raise ValueError(
+            f"{file} has {size} bytes, expected {expected} ({len(names)} channels x "
+            f"{recorded.n_times} samples x {_FDT_ITEM} bytes); it is truncated or belongs to "
+            "another .set, copy it anew"
+        )
     data, sfreq = recorded.get_data(), recorded.info["sfreq"]
-    bad = np.argwhere(~np.isfinite(data))
-    if len(bad):
+    if len(bad := np.argwhere(~np.isfinite(data))):
         channel, sample = bad[0]
         raise ValueError(
             f"{path}: {len(bad)} samples are NaN or infinite, the first in channel "
@@ -76,38 +70,23 @@ def folder_subjects(folder) -> list[str]:
 def read_folder_epochs(folder, subject, events=("correct", "error"), drop=()) -> mne.EpochsArray:
     """Epochs of one subject of a folder, its sessions joined in the order of their names.
 
-    Parameters
-    ----------
-    folder, subject : str or Path, str
-    events : pair of str
-        Names of correct and error in the files; epochs of other events are left out.
-    drop : sequence of str
-        Channels left out, in the sessions that have them.
-
-    Returns
-    -------
-    mne.EpochsArray
-        EEG and EOG channels in the order of the first session; subject, session, epoch and label
-        in the metadata.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such folder.
-    ValueError
-        If the subject is unknown, sessions differ in sampling rate, window or channels, a value is
-        NaN, the subject has no epoch of one class, no file has a channel of a name to drop, or an
-        EEG channel has no position.
+    `events` are the names of correct and error in the files, of which epochs of other events and
+    the channels to drop are left out. EEG and EOG channels are in the order of the first session;
+    the metadata hold subject, session, epoch and label. A FileNotFoundError says if there is no
+    such folder; a ValueError if the subject is unknown, sessions differ in sampling rate, window or
+    channels, a value is NaN, the subject has no epoch of one class, no file has a channel of a name
+    to drop, or an EEG channel has no position.
     """
     check_subject(subject, folder_subjects(folder), folder)
-    files = [(session, path) for person, session, path in _files(folder) if person == subject]
-    sessions = [_read_session(*file, events, drop) for file in files]
-    first, paths = sessions[0], [path for _, path in files]
-    data = [_values(*session, first) for session in zip(sessions, paths, strict=True)]
+    paths = {session: path for name, session, path in _files(folder) if name == subject}
+    sessions = [_read_session(*file, events, drop) for file in paths.items()]
+    first = sessions[0]
+    data = [_values(*pair, first) for pair in zip(sessions, paths.values(), strict=True)]
     table = pd.concat([epochs.metadata for epochs in sessions], ignore_index=True)
     for label, event in enumerate(events):
         if not (table["label"] == label).any():
-            found = {name for path in paths for name in _read(mne.read_epochs, path).event_id}
+            files = [_read(mne.read_epochs, path) for path in paths.values()]
+            found = {name for epochs in files for name in epochs.event_id}
             raise ValueError(
                 f"{folder}: subject {subject} has no epoch of the event {event!r} (its events: "
                 f"{', '.join(sorted(found)) or 'none'}); name the two with --events OK ERR"
@@ -115,7 +94,7 @@ def read_folder_epochs(folder, subject, events=("correct", "error"), drop=()) ->
     table.insert(0, "subject", subject)
     table.insert(2, "epoch", np.arange(len(table)))
     set_positions(first)
-    refuse_unlocated(first.info, paths[0])
+    refuse_unlocated(first.info, next(iter(paths.values())))
     return labelled_epochs(np.concatenate(data), first.info, first.tmin, table)
 
 
@@ -142,19 +121,8 @@ def other_channels(folder, drop=()) -> dict[str, str]:
 def check_subject(subject, subjects, source) -> None:
     """Refuse a subject that is not one of `subjects`, and say which there are."""
     if subject not in subjects:
-        raise ValueError(
-            f"unknown subject {subject!r} in {source}; choose one of {', '.join(subjects)}"
-        )
-
-
-def _refuse_truncated(path, n_channels, n_samples):
-    expected, size = n_channels * n_samples * _FDT_ITEM, path.stat().st_size
-    if path.suffix == ".fdt" and size != expected:
-        raise ValueError(
-            f"{path} has {size} bytes, expected {expected} ({n_channels} channels x {n_samples} "
-            f"samples x {_FDT_ITEM} bytes); it is truncated or belongs to another .set, copy it "
-            "anew"
-        )
+        known = ", ".join(subjects)
+        raise ValueError(f"unknown subject {subject!r} in {source}; choose one of {known}")
 
 
 def _channel_names(names, path):
@@ -177,20 +145,17 @@ def _marker(kind):
 def _read_session(session, path, events, drop):
     """Epochs of the two events on the channels that are kept, session and label in the metadata."""
     epochs = _read(mne.read_epochs, path)
-    codes = {epochs.event_id[event]: label for label, event in enumerate(events)
-             if event in epochs.event_id}  # fmt: skip
-    epochs = epochs.pick(_kept(path, drop))[np.isin(epochs.events[:, 2], list(codes))]
-    labels = np.array([codes[code] for code in epochs.events[:, 2]], dtype=int)
-    epochs.metadata = pd.DataFrame({"session": session, "label": labels})
+    codes = {epochs.event_id.get(event): label for label, event in enumerate(events)}
+    labels = pd.Series(epochs.events[:, 2]).map(codes)
+    epochs = epochs.pick(_kept(path, drop))[labels.notna().to_numpy()]
+    epochs.metadata = pd.DataFrame({"session": session, "label": labels.dropna().to_numpy(int)})
     return epochs
 
 
 def _values(epochs, path, first):
     """Data of a session in the channel order of the first, whose layout it must have."""
     require_channels(epochs.ch_names, first.ch_names, path)
-    layout, expected = (
-        (session.info["sfreq"], session.tmin, len(session.times)) for session in (epochs, first)
-    )
+    layout, expected = ((e.info["sfreq"], e.tmin, len(e.times)) for e in (epochs, first))
     if layout != expected:
         raise ValueError(
             f"{path}: sampling rate, window start and samples {layout} differ from those of the "
@@ -215,9 +180,8 @@ def _read(reader, path):
     try:
         return reader(path, verbose="error")
     except Exception as problem:
-        raise ValueError(
-            f"{path} cannot be read as MNE epochs ({problem}); copy it anew"
-        ) from problem
+        message = f"{path} cannot be read as MNE epochs ({problem}); copy it anew"
+        raise ValueError(message) from problem
 
 
 def _kept(path, drop):
@@ -226,11 +190,9 @@ def _kept(path, drop):
     # Not every file needs to have what another one has too much.
     if not set(drop) <= set(types):
         known = _channel_types(*(path for *_, path in _files(path.parent)))
-        unknown = [name for name in drop if name not in known]
-        if unknown:
+        if unknown := ", ".join(name for name in drop if name not in known):
             raise ValueError(
-                f"{path.parent} has no channel {', '.join(unknown)} to drop; it has "
-                f"{', '.join(known)}"
+                f"{path.parent} has no channel {unknown} to drop; it has {', '.join(known)}"
             )
     kept = [name for name, kind in types.items() if kind in TYPES and name not in drop]
     if "eeg" not in {types[name] for name in kept}:

@@ -6,6 +6,7 @@ centre of the spheres: x to the right ear, y to the nose, z up. All potentials a
 against the mean of TP9 and TP10, shape (30, n_samples), in the order of `hri.CHANNELS`.
 """
 
+from dataclasses import astuple
 from functools import lru_cache
 
 import mne
@@ -24,7 +25,6 @@ _ALPHA_DIRECTIONS = ((-0.3, -1.0, 0.2), (0.3, -1.0, 0.2), (0.0, -1.0, 0.5))
 _ALPHA_RATE, _ALPHA_WIDTH = 10.0, 0.9  # Hz, mean over people and SD of the peak
 _EYES = ((-0.33, 0.72, -0.30), (0.33, 0.72, -0.30))
 RESPONSE, BLINK, GAZE, MOVEMENT = 1.2, 0.5, 1.6, 0.6  # s, how long each lasts
-FRAME_DELAY = 1.0  # s after the feedback the frame changes again
 BLINK_SIZE, SACCADE_SIZE = (70, 130), (3, 12)  # uV, from and to, at Fp1 and at the EOG electrodes
 SACCADE = 0.008  # s, time constant
 N_MOVEMENTS, MOVEMENT_SIZE = 12, 120  # a recording; uV, SD over electrodes
@@ -47,13 +47,12 @@ def lead_field(positions) -> np.ndarray:
     """
     info, sphere, centre, radius = _model()
     positions = centre + radius * np.atleast_2d(positions)
-    source = mne.setup_volume_source_space(
-        pos={"rr": positions, "nn": np.tile([0.0, 0.0, 1.0], (len(positions), 1))}, verbose="error"
-    )
+    dipoles = {"rr": positions, "nn": np.tile([0.0, 0.0, 1.0], (len(positions), 1))}
+    source = mne.setup_volume_source_space(pos=dipoles, verbose="error")
+    head = mne.transforms.Transform("head", "mri")
     forward = mne.make_forward_solution(
-        info, mne.transforms.Transform("head", "mri"), source, sphere, meg=False, mindist=0.0,
-        verbose="error",
-    )  # fmt: skip
+        info, head, source, sphere, meg=False, mindist=0.0, verbose="error"
+    )
     # MNE gives V per Am, which is 1e-3 uV per nAm.
     gain = forward["sol"]["data"].reshape(len(info.ch_names), -1, 3) * 1e-3
     return gain[: len(CHANNELS)] - gain[len(CHANNELS) :].mean(axis=0)
@@ -63,8 +62,8 @@ def lead_field(positions) -> np.ndarray:
 def _cortex():
     """Lead field of 162 dipoles all over the head but its base, all orientations.
 
-    They lie deeper than the cortex because each stands for an extended patch of it, whose field is
-    that of a deeper dipole: smooth, and so shared by neighbouring electrodes.
+    They lie deeper than the cortex because the field of an extended patch of it is that of a
+    deeper dipole: smooth, and so shared by neighbouring electrodes.
     """
     height = 1 - 2 * (np.arange(_N_SHELL) + 0.5) / _N_SHELL
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(_N_SHELL)
@@ -94,16 +93,14 @@ def background(n_samples, model, person, rng) -> np.ndarray:
 
     Of the generators, `person` draws what stays the same in a person, `rng` what varies in time.
     """
-    n_channels = len(CHANNELS)
+    shape = len(CHANNELS), n_samples
     eeg = [name not in EOG_CHANNELS for name in CHANNELS]
     gain = _cortex()
     gain = gain * np.exp(model.background_spread * person.standard_normal(gain.shape[1]))[:, None]
-    gain = gain.reshape(n_channels, -1)
+    gain = gain.reshape(len(CHANNELS), -1)
     covariance = gain @ gain.T
     covariance *= model.background**2 / np.diag(covariance)[eeg].mean()
-    data = _root(covariance) @ coloured(
-        (n_channels, n_samples), lambda f: (f + 0.5) ** -model.exponent, rng
-    )
+    data = _root(covariance) @ coloured(shape, lambda f: (f + 0.5) ** -model.exponent, rng)
     peak = _ALPHA_RATE + person.standard_normal()
     waves = np.einsum("csd,sd->cs", lead_field(_ALPHA_PLACES), _ALPHA_DIRECTIONS)
     occipital = [CHANNELS.index("O1"), CHANNELS.index("O2")]
@@ -112,26 +109,26 @@ def background(n_samples, model, person, rng) -> np.ndarray:
         (3, n_samples), lambda f: np.exp(-((f - peak) ** 2) / 2 / _ALPHA_WIDTH**2), rng
     )
     # Noise at the two mastoids enters every channel through the reference.
-    noise = np.eye(n_channels) + 0.5
-    return data + model.noise * (_root(noise) @ rng.standard_normal(data.shape))
+    noise = np.eye(len(CHANNELS)) + 0.5
+    return data + model.noise * (_root(noise) @ rng.standard_normal(shape))
 
 
 def _person(components, oddness, person, model):
     """Topography (channel, component) in uV, latencies and widths (s) of a person."""
-    n = len(components)
-    position = np.array([c.position for c in components])
-    position = position + oddness * model.subject_position * person.standard_normal((n, 3))
+
+    def normal(spread, like):
+        return oddness * spread * person.standard_normal(like.shape)
+
+    columns = zip(*map(astuple, components), strict=True)
+    _, latency, width, position, direction, moment = map(np.array, columns)
+    position = position + normal(model.subject_position, position)
     position *= np.minimum(1.0, 0.8 / np.linalg.norm(position, axis=1))[:, None]
-    direction = np.array([c.direction for c in components], dtype=float)
+    direction = direction / np.linalg.norm(direction, axis=1)[:, None]
+    direction = direction + normal(model.subject_direction, direction)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    direction = direction + oddness * model.subject_direction * person.standard_normal((n, 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    moment = np.array([c.moment for c in components])
-    moment = moment * np.exp(oddness * model.subject_spread * person.standard_normal(n))
-    latency = np.array([c.latency for c in components])
-    latency = latency + oddness * model.subject_latency * person.standard_normal(n)
-    topography = np.einsum("csd,sd,s->cs", lead_field(position), direction, moment)
-    return topography, latency, np.array([c.width for c in components])
+    moment = moment * np.exp(normal(model.subject_spread, moment))
+    latency = latency + normal(model.subject_latency, latency)
+    return np.einsum("csd,sd,s->cs", lead_field(position), direction, moment), latency, width
 
 
 def _bumps(time, latency, width):
@@ -139,11 +136,8 @@ def _bumps(time, latency, width):
 
 
 def add_responses(data, trials, subject, model, rngs) -> None:
-    """Add each trial's response to feedback and, on errors, the error response.
-
-    The pair of generators draws what is the person's, and what is the trial's.
-    """
-    person, rng = rngs
+    """Add each trial's response to feedback and, on errors, the error response."""
+    person, rng = rngs  # for what is the person's, for what is the trial's
     gain, shift, oddness = model.people[subject]
     always = _person(model.feedback, oddness, person, model)
     on_error = _person(model.error, oddness, person, model)
@@ -155,11 +149,11 @@ def add_responses(data, trials, subject, model, rngs) -> None:
         topography, latency, width = always
         response = topography @ _bumps(time, latency + shift, width)
         # The frame a second later is seen too: the same visual response, 1 s on.
-        for begin in (first, first + int(FRAME_DELAY * SFREQ)):
+        for begin in (first, first + int(SFREQ)):
             data[:, begin : begin + n_samples] += response
         if trial.error and attention > model.lapse:
             size = gain * np.exp(model.trial_spread * spread - model.trial_spread**2 / 2)
-            size *= model.frequent if trial.errors_are_frequent else 1.0
+            size *= model.frequent if trial.chance > 0.3 else 1.0  # 0.2 or 0.5
             topography, latency, width = on_error
             late = latency + shift + model.jitter * delay
             data[:, first : first + n_samples] += size * topography @ _bumps(time, late, width)
@@ -193,6 +187,5 @@ def add_movements(data, rng) -> None:
     time = np.arange(int(MOVEMENT * SFREQ)) / SFREQ
     for start in rng.integers(0, data.shape[1] - len(time), N_MOVEMENTS):
         wave = np.sin(2 * np.pi * rng.uniform(2, 5) * time) * np.hanning(len(time))
-        data[:, start : start + len(time)] += (
-            rng.normal(0, MOVEMENT_SIZE, len(data))[:, None] * wave
-        )
+        sizes = rng.normal(0, MOVEMENT_SIZE, len(data))
+        data[:, start : start + len(time)] += sizes[:, None] * wave

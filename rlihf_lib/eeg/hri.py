@@ -63,24 +63,16 @@ def git_blob_id(path: Path) -> str:
     """Git's identifier of a file: the SHA-1 of ``blob <size>``, a zero byte and the content."""
     digest = hashlib.sha1(b"blob %d\0" % path.stat().st_size)
     with path.open("rb") as file:
-        while chunk := file.read(1 << 20):
-            digest.update(chunk)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, lambda: digest).hexdigest()
 
 
 def recording(subject: str) -> Path:
     """A subject's verified `.set` in ``<cache>/errp-hri/<folder>``, downloaded if it is missing.
 
     It comes from GitHub, or the mirror that the environment variable ``RLIHF_HRI_URL`` names; its
-    `.fdt` lies beside it. `s12_cursor` is in the folder `robot`, as in the repository.
-
-    Raises
-    ------
-    ValueError
-        If a file there, or one that arrived, is not the published one.
-    OSError
-        If a file cannot be downloaded; the message says what to place where. What has arrived is
-        kept, and the next call goes on from there.
+    `.fdt` lies beside it. `s12_cursor` is in the folder `robot`, as in the repository. A ValueError
+    says if a file is not the published one, an OSError if it cannot be downloaded, and what to
+    place where. What has arrived is kept, and the next call goes on from there.
     """
     blobs = blob_ids()
     url = (os.environ.get("RLIHF_HRI_URL") or URL).rstrip("/")
@@ -109,18 +101,21 @@ def _download(url, target, blob):
     pooch.get_logger().info("Downloading %s", url)
     for attempt in range(1, ATTEMPTS + 1):
         start = partial.stat().st_size if partial.is_file() else 0
+        # A compressed answer would have other byte offsets.
+        headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
         try:
-            _append(url, partial, start)
+            with partial.open("ab") as file:
+                pooch.HTTPDownloader(headers=headers, timeout=TIMEOUT)(url, file, None)
         except requests.HTTPError as problem:
-            status = getattr(problem.response, "status_code", None)
-            if status != RANGE_NOT_SATISFIABLE:
+            if getattr(problem.response, "status_code", None) != RANGE_NOT_SATISFIABLE:
                 raise OSError(f"{url}: {problem}. {by_hand}") from problem
         except (requests.RequestException, OSError) as problem:
             if attempt < ATTEMPTS:
                 continue
-            size = partial.stat().st_size
-            kept = f"{size} bytes are kept in {partial}, to go on from" if size else "no data"
-            if not size:
+            kept = "no data"
+            if size := partial.stat().st_size:
+                kept = f"{size} bytes are kept in {partial}, to go on from"
+            else:
                 partial.unlink()
             raise OSError(
                 f"{url} could not be downloaded ({type(problem).__name__}; {kept}). {by_hand}"
@@ -139,13 +134,3 @@ def _download(url, target, blob):
                 f"the published file (git blob {blob}) but {what}; it was discarded. {by_hand}"
             )
     raise OSError(f"{url} could not be resumed; try again. {by_hand}")
-
-
-def _append(url, partial, start):
-    """Append what a file holds from byte `start` on."""
-    # A compressed answer would have other byte offsets.
-    headers = {"Accept-Encoding": "identity"}
-    if start:
-        headers["Range"] = f"bytes={start}-"
-    with partial.open("ab") as file:
-        pooch.HTTPDownloader(headers=headers, timeout=TIMEOUT)(url, file, None)

@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 from scipy.linalg import eigh
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.metrics import accuracy_score, balanced_accuracy_score
 
 from rlihf_lib.eeg.fitting import DEFAULTS
-from rlihf_lib.eeg.scores import auroc
+from rlihf_lib.eeg.scores import auroc, balanced_accuracy
 from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
 from rlihf_lib.eeg.splits import leave_one_subject_out
 
@@ -38,17 +37,12 @@ def whitening(signals) -> np.ndarray:
 
 
 def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFrame:
-    """Decode every subject by what all others teach, leave-one-subject-out.
+    """Decode every subject by what all others teach, leave-one-subject-out, as `loso.run_loso`.
 
-    Of a cohort as for `loso.run_loso`, the same window and channels are decoded. `spatial`,
-    `whitening` or `scaling`, makes the spatial filters of a subject from all of the subject's
-    epochs, without labels. That is more than the networks get, which see nothing of the held-out
-    subject but the epoch to decode; LDA needs it.
-
-    Returns
-    -------
-    DataFrame
-        Columns subject, accuracy, balanced_accuracy, auroc; of `within_subject`, too.
+    `spatial`, `whitening` or `scaling`, makes the spatial filters of a subject from all of the
+    subject's epochs, without labels. That is more than the networks get, which see nothing of the
+    held-out subject but the epoch to decode; LDA needs it. Columns of the table, and of that of
+    `within_subject`, are subject, accuracy, balanced_accuracy and auroc.
     """
     features = {}
     for subject in cohort:
@@ -58,8 +52,8 @@ def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFram
     for fold in leave_one_subject_out(list(cohort)):
         pool = fold.training_pool(features)
         x, y = (np.concatenate(parts) for parts in zip(*pool.values(), strict=True))
-        x_test, y_test = features[fold.test]
-        rows.append({"subject": fold.test, **_score(_fit(x, y).decision_function(x_test), y_test)})
+        test, labels = features[fold.test]
+        rows.append(_score(fold.test, _decide(x, y, test), labels))
     return pd.DataFrame(rows)
 
 
@@ -76,8 +70,8 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
         for k in range(N_FOLDS):
             train = fold != k
             x = _means(whitening(signals[train]) @ signals, width)
-            decision[~train] = _fit(x[train], labels[train]).decision_function(x[~train])
-        rows.append({"subject": subject, **_score(decision, labels)})
+            decision[~train] = _decide(x[train], labels[train], x[~train])
+        rows.append(_score(subject, decision, labels))
     return pd.DataFrame(rows)
 
 
@@ -90,19 +84,19 @@ def _window(subject, epochs, settings):
 
 
 def _means(signals, width):
-    n_means = signals.shape[-1] // width
-    parts = signals[..., : n_means * width].reshape(*signals.shape[:2], n_means, width)
-    return parts.mean(axis=-1).reshape(len(signals), -1)
+    whole = signals[..., : signals.shape[-1] // width * width]
+    return whole.reshape(*signals.shape[:2], -1, width).mean(axis=-1).reshape(len(signals), -1)
 
 
-def _fit(means, labels):
-    return LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto").fit(means, labels)
+def _decide(means, labels, test):
+    lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
+    return lda.fit(means, labels).decision_function(test)
 
 
-def _score(decision, labels):
-    answers = (decision > 0).astype(int)
+def _score(subject, decision, labels):
     return {
-        "accuracy": accuracy_score(labels, answers),
-        "balanced_accuracy": balanced_accuracy_score(labels, answers),
+        "subject": subject,
+        "accuracy": float(np.mean((decision > 0) == labels)),
+        "balanced_accuracy": balanced_accuracy(decision, labels, 0),
         "auroc": auroc(decision, labels),
     }

@@ -24,7 +24,7 @@ from rlihf_lib.eeg.streaming import replay
 from rlihf_lib.files import canonical_json, sha256, write_csv, write_text
 from rlihf_lib.progress import Progress
 
-TABLES = ("scores", "p_error", "training")
+TABLES = ("p_error", "training", "scores")  # the last is what `run_loso` returns
 _VERSION = 1  # raise when the method changes in anything but its settings
 _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a small fold
 
@@ -32,8 +32,7 @@ _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a s
 def recorded_cohort(eeg, subjects, events=("correct", "error"), drop_channels=()) -> Cohort:
     """The epochs that are decoded: preprocessed, in the reference they were recorded with.
 
-    Of a folder of epochs, `events` are the names of the correct and the error event, and
-    `drop_channels` are left out.
+    `events`, names of correct and error, and `drop_channels` are for a folder of epochs.
 
     Notes
     -----
@@ -49,21 +48,20 @@ def recorded_cohort(eeg, subjects, events=("correct", "error"), drop_channels=()
 def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> pd.DataFrame:
     """Train one decoder per held-out subject, replay that subject through it, and score.
 
+    A ValueError names the subject that cannot be decoded (channels, rates, NaN, classes), or the
+    channel that alone tells the classes apart (`channels.refuse_leaks`), and a remedy.
+
     Parameters
     ----------
     cohort : Mapping
         Of at least three subjects: subject -> preprocessed `mne.Epochs` with events "correct" and
-        "error" and a metadata column `epoch`. It is pickled, since worker processes ask it for the
-        held-out subject.
+        "error" and a metadata column `epoch`. Pickled, for workers ask it for the held-out subject.
     folder : Path
-        Receives scores.csv, p_error.csv, training.csv, config.json and
-        weights/<subject>.safetensors. Finished folds lie in folds/<subject>/ and are skipped by
-        the next call if settings and data are the same.
-    settings : DecoderSettings
+        Receives the `TABLES`, config.json and weights/<subject>.safetensors. Finished folds lie in
+        folds/<subject>/ and, unless you `recompute`, are skipped by the next call if settings and
+        data are the same.
     workers : int
         Processes, one fold each at a time; 0 = as many as there are cores.
-    recompute : bool
-        Train folds that are finished, too.
 
     Returns
     -------
@@ -71,12 +69,6 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
         One row per held-out subject: accuracy_pretrain (validation subjects, each decoded by the
         networks of this fold that did not train on it, p(error) > 0.5), accuracy_online (the
         held-out subject, replayed through the ring buffer), what `scores.score` adds, and more.
-
-    Raises
-    ------
-    ValueError
-        If a subject cannot be decoded (channels, rates, NaN, classes; names subject and remedy) or
-        a channel alone tells the classes apart (`channels.refuse_leaks`).
     """
     folder, subjects = Path(folder), list(cohort)
     folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
@@ -94,9 +86,13 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
         "subjects": subjects,
         "folds": {subject: key["hash"] for subject, key in keys.items()},
     }
-    merged = {name: _merge(folder, subjects, name) for name in TABLES}
+    read = partial(pd.read_csv, dtype={"subject": str}, float_precision="round_trip")
+    for name in TABLES:
+        files = [folder / "folds" / subject / f"{name}.csv" for subject in subjects]
+        merged = pd.concat(map(read, files), ignore_index=True)
+        write_csv(folder / f"{name}.csv", merged)
     write_text(folder / "config.json", json.dumps(config, indent=1) + "\n")
-    return merged["scores"]
+    return merged
 
 
 def load_decoder(folder, subject) -> Decoder:
@@ -148,15 +144,14 @@ def _run_fold(cohort, input_format, settings, folder, pool, key):
     # Only now, with everything fitted, is the held-out subject looked at.
     held_out = SubjectEpochs.from_mne(subject, cohort[subject], settings.channels)
     log_odds, _ = replay(decoder, input_format.pick(held_out))
-    table = pd.DataFrame(
-        {
-            "subject": subject,
-            "epoch": held_out.index,
-            "label": held_out.labels,
-            "p_error": scores.probability(log_odds, decoder.temperature, decoder.prior),
-            "p_error_raw": scores.probability(log_odds, prior=decoder.prior),
-        }
-    )
+    columns = {
+        "subject": subject,
+        "epoch": held_out.index,
+        "label": held_out.labels,
+        "p_error": scores.probability(log_odds, decoder.temperature, decoder.prior),
+        "p_error_raw": scores.probability(log_odds, prior=decoder.prior),
+    }
+    table = pd.DataFrame(columns)
     target = folder / "folds" / subject
     write_csv(target / "p_error.csv", table)
     write_csv(target / "training.csv", history.assign(subject=subject))
@@ -189,32 +184,19 @@ def _score(decoder, validation, table, settings):
 
 def _fold_key(fold, settings, input_format, identities):
     """Name everything a fold's results follow from: a hash, and the power of every subject."""
-    used = {subject: identities[subject] for subject in (*fold.pool, fold.test)}
-    exact = {subject: fingerprint for subject, (fingerprint, _) in used.items()}
+    subjects = (*fold.pool, fold.test)
+    exact, power = ({s: identities[s][part] for s in subjects} for part in (0, 1))
     parts = [_VERSION, asdict(fold), asdict(settings), asdict(input_format), exact]
-    power = {subject: power for subject, (_, power) in used.items()}
     return {"hash": sha256(canonical_json(parts)), "power": power}
 
 
 def _is_done(folder, subject, key):
     target = folder / "folds" / subject
     files = [target / f"{name}.csv" for name in TABLES]
-    files += [folder / "weights" / f"{subject}.safetensors", target / "fold.json"]
-    if not all(file.is_file() for file in files):
-        return False
+    files.append(folder / "weights" / f"{subject}.safetensors")
     try:
-        found = json.loads(files[-1].read_text())
-        return found["hash"] == key["hash"] and all(
-            same_power(found["power"][subject], power) for subject, power in key["power"].items()
-        )
-    except (ValueError, KeyError):
+        found = json.loads((target / "fold.json").read_text())
+        same = [same_power(found["power"][person], power) for person, power in key["power"].items()]
+        return found["hash"] == key["hash"] and all(same) and all(map(Path.is_file, files))
+    except (FileNotFoundError, ValueError, KeyError):
         return False
-
-
-def _merge(folder, subjects, name):
-    """Join and write one table of the folds, in the order of the subjects."""
-    read = partial(pd.read_csv, dtype={"subject": str}, float_precision="round_trip")
-    files = [folder / "folds" / subject / f"{name}.csv" for subject in subjects]
-    merged = pd.concat(map(read, files), ignore_index=True)
-    write_csv(folder / f"{name}.csv", merged)
-    return merged

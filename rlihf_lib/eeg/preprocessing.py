@@ -15,6 +15,7 @@ from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
 
 _VERSION = 1  # raise when the steps change in anything but their settings
 COLUMNS = ["subject", "session", "epoch", "sample", "block", "label", "status"]
+OUTCOMES = {CORRECT: (0, "kept"), MACHINE_ERROR: (1, "kept"), HUMAN_ERROR: (-1, "human error")}
 
 
 @dataclass(frozen=True)
@@ -24,19 +25,15 @@ class Preprocessing:
     #: Band of the paper, Hz. Zero-phase FIR (MNE's `firwin` design, Hamming window, 3.3 s long).
     l_freq: float = 1.0
     h_freq: float = 20.0
-    #: "average" re-references to the mean of the EEG channels; "recorded" keeps the recording's.
-    reference: str = "average"
-    #: Hz. Recordings above it are resampled, those below stay as they are.
-    sfreq: float = 256.0
+    reference: str = "average"  # of the EEG channels; "recorded" keeps the recording's
+    sfreq: float = 256.0  # Hz; recordings above it are resampled, those below stay as they are
     #: Window from the feedback onset on, s. There is no baseline correction: the 1-Hz high-pass has
     #: taken the offset away, and a window that starts at the onset is what a stream can cut.
     duration: float = 2.0
-    #: V, peak to peak within the window; above it on any EEG channel an epoch is an artefact.
-    reject: float = 200e-6
-    #: Names of the events in a folder of epochs.
+    reject: float = 200e-6  # V, peak to peak on any EEG channel, above which is an artefact
+    #: Of a folder of epochs: names of the events, channels that are left out.
     correct_event: str = "correct"
     error_event: str = "error"
-    #: Channels of a folder of epochs that are left out.
     drop_channels: tuple = ()
 
     def __post_init__(self):
@@ -67,18 +64,11 @@ class Cohort(Mapping):
 def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
     """Preprocessed epochs of one subject (`recordings.source_subjects`) of a source of EEG.
 
-    Returns
-    -------
-    mne.Epochs
-        EEG and EOG channels in volts; events ``correct`` and ``error``. The metadata holds
-        subject, session, epoch (index of the feedback within the subject's recording, counting the
-        dropped ones, so that it stays the same whatever is dropped), label (0 correct, 1 error)
-        and, for recordings, sample (of the onset) and block.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the recording cannot be had, read or labelled: see `recordings`.
+    EEG and EOG channels are in volts, events are ``correct`` and ``error``. The metadata hold
+    subject, session, epoch (index of the feedback within the subject's recording, counting the
+    dropped ones, so that it stays the same whatever is dropped), label (0 correct, 1 error) and,
+    for recordings, sample (of the onset) and block. A ValueError or OSError says if the recording
+    cannot be had, read or labelled.
 
     Notes
     -----
@@ -95,29 +85,18 @@ def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
 def load_events(eeg, subject, settings=Preprocessing()) -> pd.DataFrame:
     """All feedback events of a simulated or ErrP-HRI subject, and what became of each.
 
-    One row per feedback: subject, session, epoch, sample (onset in the preprocessed data), block,
-    label (0 correct, 1 error, -1 neither), status (kept, artefact, human error, no outcome, past
-    the end).
+    Columns are `COLUMNS`: sample is the onset in the preprocessed data; label 0 correct, 1 error,
+    -1 neither; status one of kept, artefact, human error, no outcome, past the end.
     """
     return _cached(eeg, subject, settings)[1]
 
 
 def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawArray, pd.DataFrame]:
-    """Preprocessed continuous recording of a subject, to be replayed as a stream.
+    """Preprocessed continuous recording of a subject, to be replayed as a stream, and its events.
 
-    Returns
-    -------
-    raw : mne.io.Raw
-        EEG and EOG channels, volts.
-    events : DataFrame
-        See `load_events`. The `n` samples from `sample` on are, bit for bit, the epoch that
-        `load_epochs` returns for a kept event.
-
-    Raises
-    ------
-    ValueError
-        If the source is a folder of epochs, which has no continuous signal, or no feedback of the
-        recording can be labelled.
+    EEG and EOG are in volts; for the events see `load_events`. The samples from that of a kept
+    event on are, bit for bit, the epoch that `load_epochs` returns. A ValueError says if the source
+    is a folder of epochs, which has no continuous signal, or no feedback can be labelled.
     """
     if recordings.is_folder(eeg):
         raise ValueError(f"{eeg} holds epochs, not continuous data; choose 'simulated' or 'hri'")
@@ -153,20 +132,16 @@ def _feedback_events(raw):
     onset, name = raw.annotations.onset, raw.annotations.description
     trial = np.searchsorted(onset[np.isin(name, hri.STIMULI)], onset, side="right")
     rows = []
-    for index in np.flatnonzero(np.isin(name, FEEDBACKS)):
-        outcomes = set(name[trial == trial[index]]) & {CORRECT, HUMAN_ERROR, MACHINE_ERROR}
-        outcome = outcomes.pop() if len(outcomes) == 1 else ""
-        label = {CORRECT: 0, MACHINE_ERROR: 1}.get(outcome, -1)
-        status = {"": "no outcome", HUMAN_ERROR: "human error"}.get(outcome, "kept")
-        rows.append((onset[index], label, status))
-    events = pd.DataFrame(rows, columns=["onset", "label", "status"])
+    for epoch, index in enumerate(np.flatnonzero(np.isin(name, FEEDBACKS))):
+        outcomes = set(name[trial == trial[index]]) & OUTCOMES.keys()
+        label, status = OUTCOMES[outcomes.pop()] if len(outcomes) == 1 else (-1, "no outcome")
+        rows.append((onset[index], epoch, epoch // hri.N_TRIALS_PER_BLOCK, label, status))
+    events = pd.DataFrame(rows, columns=["onset", "epoch", "block", "label", "status"])
     if not (events["label"] >= 0).any():
         raise ValueError(
             f"no feedback ({', '.join(FEEDBACKS)}) with an outcome ({CORRECT}, {MACHINE_ERROR}) "
             f"among the events of the recording, which are {', '.join(sorted(set(name))) or 'none'}"
         )
-    events["epoch"] = np.arange(len(events))
-    events["block"] = events["epoch"] // hri.N_TRIALS_PER_BLOCK
     return events
 
 

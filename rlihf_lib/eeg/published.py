@@ -1,6 +1,6 @@
 """What is published about ErrP-HRI's cursor scenario, to hold simulated or decoded EEG against.
 
-Waves and accuracy within subjects: Ehrlich & Cheng (2019, see `dataset`). Across subjects:
+Waves and accuracy within subjects: Ehrlich & Cheng (2019, see `hri`). Across subjects:
 published leave-one-subject-out results on the same recordings (27 channels, 0-0.8 s, 1-10 Hz).
 """
 

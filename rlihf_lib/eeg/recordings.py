@@ -21,12 +21,7 @@ def source_subjects(eeg) -> list[str]:
 def recording_path(eeg, subject) -> Path:
     """The `.set` file of a simulated or ErrP-HRI subject, made or downloaded if it is missing.
 
-    Raises
-    ------
-    ValueError
-        If the subject is unknown.
-    OSError
-        If a recording can neither be found nor downloaded; the message says what to place where.
+    A ValueError says if the subject is unknown; `hri.recording` has its errors, too.
     """
     formats.check_subject(subject, hri.SUBJECTS, f"the {eeg} recordings")
     return (simulated if eeg == "simulated" else hri).recording(subject)

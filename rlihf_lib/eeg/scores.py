@@ -18,13 +18,8 @@ TEMPERATURES = (0.05, 20.0)  # lowest and highest
 def probability(log_odds, temperature=1.0, prior=0.5) -> np.ndarray:
     """p(error), Eq. (1) with temperature T: sigmoid(log-odds / T + logit(prior)).
 
-    Parameters
-    ----------
-    log_odds : ndarray, shape (n,)
-        Evidence of an error in the EEG: logit of error minus logit of correct.
-    temperature : float
-    prior : float
-        Fraction of errors to expect.
+    The log-odds are the evidence in the EEG, logit of error minus logit of correct, shape (n,);
+    the prior is the fraction of errors to expect.
     """
     return expit(np.asarray(log_odds) / temperature + logit(prior))
 
@@ -32,15 +27,9 @@ def probability(log_odds, temperature=1.0, prior=0.5) -> np.ndarray:
 def fit_temperature(log_odds, labels, prior_log_odds=0.0) -> float:
     """The temperature T, within `TEMPERATURES`, with the smallest cross-entropy of `probability`.
 
+    Of validation epochs (1 = error), each with its log-odds of an error before looking at the EEG.
     Above 1 the network was too sure of itself. Guo, Pleiss, Sun, Weinberger (2017), On calibration
     of modern neural networks, ICML, sec. 4.2.
-
-    Parameters
-    ----------
-    log_odds, labels : ndarray, shape (n,)
-        Of validation epochs; 1 = error, 0 = correct.
-    prior_log_odds : ndarray, shape (n,)
-        Log-odds of an error before looking at the EEG.
     """
     signs = 2 * np.asarray(labels) - 1
 
@@ -112,15 +101,9 @@ SCORES: dict[str, Callable] = {
 def score(p_error, p_raw, labels, prior, n_resamples, rng) -> dict[str, float]:
     """Score one held-out subject.
 
-    Parameters
-    ----------
-    p_error, p_raw, labels : ndarray, shape (n,)
-        Calibrated and uncalibrated p(error); 1 = error, 0 = correct, both of which occur.
-    prior : float
-        Fraction of errors among the training epochs.
-    n_resamples : int
-        Bootstrap resamples (over trials, within each class) and label permutations.
-    rng : numpy.random.Generator
+    From p(error), calibrated and uncalibrated, of epochs of both classes (1 = error), the fraction
+    of errors among the training epochs, and the number of bootstrap resamples (over trials, within
+    each class) and label permutations.
 
     Returns
     -------

@@ -15,11 +15,7 @@ POWER_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class SubjectEpochs:
-    """Epochs of one subject as arrays.
-
-    A ValueError names subject, value and remedy if a value is not finite, an index is there twice
-    or one of the two classes is missing.
-    """
+    """Epochs of one subject as arrays; a ValueError names what cannot be decoded, and a remedy."""
 
     subject: str
     signals: np.ndarray  # volts, shape (n, n_channels, n_times)
@@ -75,8 +71,8 @@ class SubjectEpochs:
     def power(self) -> list[list[float]]:
         """Mean power of each class (2) in each channel, in µV², to six digits.
 
-        By it signals are recognised (`same_power`), for no hash can: filters and simulation differ
-        a little between processors, which is what shipped results must bear.
+        By it shipped results recognise signals (`same_power`), for no hash can: filters and
+        simulation differ a little between processors.
         """
         by_class = [self.signals[self.labels == i] for i in range(len(CLASSES))]
         means = [np.square(1e6 * part, dtype=np.float64).mean((0, 2)) for part in by_class]
@@ -111,9 +107,8 @@ class InputFormat:
         says if that is nothing.
         """
         n_times = epochs.signals.shape[-1]
-        start, stop = (
-            int(np.clip(round((t - epochs.tmin) * epochs.sfreq), 0, n_times)) for t in window
-        )
+        start, stop = (round((t - epochs.tmin) * epochs.sfreq) for t in window)
+        start, stop = max(start, 0), min(stop, n_times)
         decimation = max(1, int(epochs.sfreq / NETWORK_RATE))
         stop = start + (stop - start) // decimation * decimation
         if stop <= start:
@@ -134,8 +129,7 @@ class InputFormat:
 
         A ValueError says if a channel is missing, or sampling rate or epoch length differ.
         """
-        missing = [name for name in self.channels if name not in epochs.channels]
-        if missing:
+        if missing := [name for name in self.channels if name not in epochs.channels]:
             raise ValueError(
                 f"subject {epochs.subject} lacks the channel(s) {', '.join(missing)}; decode the "
                 "channels all subjects have, or interpolate them first"
@@ -150,11 +144,10 @@ class InputFormat:
         return epochs.signals[:, [epochs.channels.index(name) for name in self.channels]]
 
     def condition(self, signals) -> np.ndarray:
-        """Cut the window, average neighbouring samples, and count in units of 10 µV.
+        """Cut the window, average neighbouring samples, in units of 10 µV: (n, n_channels, m).
 
-        From signals as `pick` gives them to shape (n, n_channels, m). Each epoch by itself:
-        nothing is normalised over epochs or subjects. (On real feedback potentials, per-subject
-        scaling and Euclidean alignment lost AUROC on validation subjects.)
+        Each epoch by itself: nothing is normalised over epochs or subjects. (On real feedback
+        potentials, per-subject scaling and Euclidean alignment lost AUROC on validation subjects.)
         """
         window = signals[..., self.start : self.stop].astype(np.float64)
         return window.reshape(*window.shape[:-1], -1, self.decimation).mean(-1) / UNIT

@@ -5,7 +5,6 @@ for the brain's responses to feedback, on top of 1/f background activity, occipi
 saccades, movement artefacts and amplifier noise (`head`).
 """
 
-import io
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, NamedTuple, get_type_hints
@@ -67,8 +66,6 @@ _PEOPLE = {
     "s12": (0.93, -0.025, 1.80),
     "s13": (1.00, -0.010, 0.50),
 }
-
-
 _WITHIN_ACROSS = "calibrated: accuracy within (.91) against across subjects"
 
 
@@ -77,11 +74,10 @@ class Model:
     """Parameters of the simulation, each annotated with the origin of its value."""
 
     feedback: Annotated[
-        tuple[Component, ...],
-        "visual P1, N1, P2 and P3 at textbook latencies; the same for both outcomes",
+        tuple, "visual P1, N1, P2 and P3 at textbook latencies; the same for both outcomes"
     ] = _FEEDBACK
     error: Annotated[
-        tuple[Component, ...],
+        tuple,
         "latencies and signs at Cz: Ehrlich & Cheng 2019; sites: error negativity fronto-central, "
         "positivity centro-parietal; moments calibrated: peak over SD 0.59, and how many subjects' "
         "largest peak is the negativity (largest peak at 282 +- 40 ms)",
@@ -133,10 +129,6 @@ class Trial(NamedTuple):
     chance: float  # of errors in the block
     moved: int  # where the feedback moved: left, up, right
 
-    @property
-    def errors_are_frequent(self) -> bool:
-        return self.chance > 0.3  # blocks have a chance of 0.2 or 0.5
-
 
 def parameter_table(model=MODEL) -> pd.DataFrame:
     """Parameters of a model (rows), their value and its origin (columns)."""
@@ -152,10 +144,7 @@ def parameter_table(model=MODEL) -> pd.DataFrame:
 
 
 def recording(subject, model=MODEL) -> Path:
-    """A subject's ``<cache>/simulated-<hash of the model>/<subject>_cursor.set``, made if missing.
-
-    Its `.fdt` lies beside it.
-    """
+    """A subject's `.set`, with its `.fdt` in a folder for the model, made if missing."""
     key = sha256(canonical_json([_VERSION, asdict(model)]))[:12]
     path = hri.cache_dir() / f"simulated-{key}" / f"{subject}_cursor.set"
     if not path.is_file() or not path.with_suffix(".fdt").is_file():
@@ -164,10 +153,9 @@ def recording(subject, model=MODEL) -> Path:
 
 
 def simulate(subject, model=MODEL) -> tuple[np.ndarray, list[tuple[float, str]]]:
-    """Simulate the recording of a subject, ``s02`` to ``s13``.
+    """Recording of a subject, ``s02`` to ``s13``: data as in `head`, float32 at 256 Hz; events.
 
-    Data, as in `head`, in float32 at 256 Hz; events as pairs of 1-based, fractional latency in
-    samples, and name.
+    Of an event, the 1-based, fractional latency in samples, and the name.
     """
     # One stream for each part, so that a parameter of one leaves the others as they were.
     rng = np.random.default_rng([model.seed, SUBJECTS.index(subject)])
@@ -198,11 +186,11 @@ def protocol(rng, model) -> tuple[list[Trial], list[tuple[float, str]], float]:
 
 def _trial(rng, model, chance, start):
     """A trial, its events as (time in s, name), and when the next one starts."""
-    pressed = target = rng.integers(3)
+    pressed = moved = target = rng.integers(3)
     stimulus = start + rng.uniform(0.3, 0.5)
     key = stimulus + min(0.25 + rng.lognormal(np.log(0.25), 0.35), 1.2)
     feedback = key + rng.uniform(0.015, 0.035)
-    moved, outcome = target, hri.CORRECT
+    outcome = hri.CORRECT
     if rng.random() < model.human_error:
         pressed = moved = (target + rng.integers(1, 3)) % 3
         outcome = hri.HUMAN_ERROR
@@ -229,11 +217,7 @@ def write_set(path, data, events) -> None:
     n_channels, n_samples = data.shape
     with atomic_path(path.with_suffix(".fdt")) as temporary:
         np.asarray(data, "<f4").T.tofile(temporary)
-    labels = np.zeros(n_channels, dtype=[("labels", object)])
-    labels["labels"] = CHANNELS
-    event = np.zeros(len(events), dtype=[("latency", object), ("type", object)])
-    event["latency"] = [float(latency) for latency, _ in events]
-    event["type"] = [name for _, name in events]
+    rows = [(float(latency), name) for latency, name in events]
     eeg = {
         "setname": path.stem,
         "filename": path.name,
@@ -246,15 +230,13 @@ def write_set(path, data, events) -> None:
         "xmin": 0.0,
         "xmax": (n_samples - 1) / SFREQ,
         "ref": "TP9 TP10",
-        "chanlocs": labels,
-        "event": event,
+        "chanlocs": np.array([(name,) for name in CHANNELS], [("labels", object)]),
+        "event": np.array(rows, [("latency", object), ("type", object)]),
         "comments": "Simulated by rlihf_lib; not a recording of a person.",
     }
-    buffer = io.BytesIO()
-    scipy.io.savemat(buffer, {"EEG": eeg}, format="5", do_compression=True, oned_as="row")
-    content = bytearray(buffer.getvalue())
-    # scipy writes the time into the header, which would make every file different.
-    content[:_HEADER] = b"MATLAB 5.0 MAT-file, rlihf_lib simulated recording".ljust(_HEADER)
     # The .set comes last: where it is, the .fdt is complete.
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(content)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        scipy.io.savemat(file, {"EEG": eeg}, format="5", do_compression=True, oned_as="row")
+        # scipy writes the time into the header, which would make every file different.
+        file.seek(0)
+        file.write(b"MATLAB 5.0 MAT-file, rlihf_lib simulated recording".ljust(_HEADER))

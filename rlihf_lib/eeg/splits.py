@@ -18,13 +18,11 @@ class Fold:
     A ValueError refuses a fold in which a subject has two roles, or a network lacks one.
     """
 
-    test: str
-    """Held-out subject."""
-    pool: tuple
-    """Everybody else."""
+    test: str  # held-out subject
+    pool: tuple  # everybody else
+    #: For every network the subjects of the pool, a tuple of str, that decide when its training
+    #: stops. The rest of the pool trains it.
     validation: tuple
-    """For every network the subjects of the pool, a tuple of str, that decide when its training
-    stops. The rest of the pool trains it."""
 
     def __post_init__(self):
         if self.test in self.pool:
@@ -34,8 +32,7 @@ class Fold:
         if not self.validation:
             raise ValueError("a fold needs at least one network")
         for subjects in self.validation:
-            strangers = set(subjects) - set(self.pool)
-            if strangers:
+            if strangers := set(subjects) - set(self.pool):
                 raise ValueError(
                     f"validation subject(s) {', '.join(sorted(strangers))} are not in the pool"
                 )
@@ -80,15 +77,9 @@ class TrainingPool(Mapping):
 def leave_one_subject_out(subjects, n_networks=1, n_validation=2) -> list[Fold]:
     """Make one fold per subject, of which there must be three: to train, validate and test.
 
-    Parameters
-    ----------
-    subjects : sequence of str
-        In a fixed order: it decides who validates.
-    n_networks : int
-        Networks per fold. Their validation subjects go round the pool, so that the networks
-        together learn from all of it.
-    n_validation : int
-        Validation subjects of a network; fewer where the pool is small.
+    Their order decides who validates: of a fold's networks, each has `n_validation` subjects to
+    validate it, fewer where the pool is small. They go round the pool, so that the networks
+    together learn from all of it.
     """
     subjects = tuple(subjects)
     if len(subjects) < 3:

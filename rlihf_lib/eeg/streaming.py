@@ -25,10 +25,9 @@ class RingBuffer:
         self._samples = np.zeros((n_channels, n_windows * n_times))
 
     def mark(self, sample) -> None:
-        """Ask for the window of an event.
+        """Ask for the window of an event at a sample of the stream, which may be still to come.
 
-        `sample` counts from the first of the stream, and may lie in the future. A ValueError says
-        if the window starts before the stream or has been overwritten already.
+        A ValueError says if it starts before the stream or has been overwritten already.
         """
         start = int(sample) + self.offset
         oldest = max(0, self.n_received - self._samples.shape[1])
@@ -40,10 +39,9 @@ class RingBuffer:
         self._pending.append(int(sample))
 
     def push(self, chunk) -> Iterator[tuple[int, np.ndarray]]:
-        """Append samples, shape (n_channels, any n).
+        """Append samples, shape (n_channels, any n); of events now complete, sample and window.
 
-        Yields every event whose window is complete: its sample, and a copy of the window, shape
-        (n_channels, n_times).
+        The windows are copies, shape (n_channels, n_times).
         """
         chunk = np.asarray(chunk)
         if chunk.ndim != 2 or len(chunk) != len(self._samples):
@@ -57,34 +55,26 @@ class RingBuffer:
             where = (self.n_received + np.arange(piece.shape[1])) % self._samples.shape[1]
             self._samples[:, where] = piece
             self.n_received += piece.shape[1]
-            yield from self._complete()
-
-    def _complete(self):
-        for sample in sorted(self._pending):
-            start = sample + self.offset
-            if start + self.n_times <= self.n_received:
-                self._pending.remove(sample)
-                where = np.arange(start, start + self.n_times) % self._samples.shape[1]
-                yield sample, self._samples[:, where]
+            for sample in sorted(self._pending):
+                start = sample + self.offset
+                if start + self.n_times <= self.n_received:
+                    self._pending.remove(sample)
+                    where = np.arange(start, start + self.n_times) % self._samples.shape[1]
+                    yield sample, self._samples[:, where]
 
 
 class StreamDecoder:
     """Decode the events of a preprocessed stream as their epochs are complete.
 
-    Parameters
-    ----------
-    decoder : decoder.Decoder
-    channels : sequence of str, optional
-        Channels of the stream; those of the decoder are picked by name, and a ValueError says
-        which are lacking. Default: the decoder's.
+    Of the channels of the stream, by default the decoder's, those of the decoder are picked by
+    name; a ValueError says which are lacking.
     """
 
     def __init__(self, decoder, channels=None):
         self.decoder = decoder
         layout = decoder.input_format
         channels = tuple(channels or layout.channels)
-        missing = [name for name in layout.channels if name not in channels]
-        if missing:
+        if missing := [name for name in layout.channels if name not in channels]:
             raise ValueError(f"the stream lacks the channel(s) {', '.join(missing)}")
         self._picks = [channels.index(name) for name in layout.channels]
         offset = round(layout.tmin * layout.sfreq)
@@ -117,23 +107,24 @@ def replay(decoder, signals, chunk=CHUNK) -> tuple[np.ndarray, np.ndarray]:
     """
     stream = StreamDecoder(decoder)
     n, n_channels, n_times = signals.shape
-    events = np.arange(n) * n_times - stream.buffer.offset
-    for event in events:
+    for event in np.arange(n) * n_times - stream.buffer.offset:
         stream.mark(event)
-    decoded: dict[int, float] = {}
     recording = signals.transpose(1, 0, 2).reshape(n_channels, -1)
+    log_odds = [log_odds for _, log_odds in _stream(stream, recording, chunk)]
+    return np.array(log_odds), np.array(stream.latencies)
+
+
+def _stream(stream, recording, chunk):
+    """What `StreamDecoder.push` gives for a recording, in chunks of so many samples."""
     for first in range(0, recording.shape[1], chunk):
-        decoded.update(stream.push(recording[:, first : first + chunk]))
-    return np.array([decoded[event] for event in events]), np.array(stream.latencies)
+        yield from stream.push(recording[:, first : first + chunk])
 
 
 class LiveFeedback:
-    """One person's held-out epochs as a stream, decoded event by event.
+    """A person's `SubjectEpochs` as a stream, decoded by a decoder that never saw this person.
 
     Policies are trained from a table of p(error), because decoding the same epochs again gives the
     same numbers; this does it all the same, as it would be with somebody wearing the cap.
-
-    The decoder is one that never saw this person; `held_out` are their `SubjectEpochs`.
     """
 
     def __init__(self, decoder, held_out):
@@ -144,8 +135,5 @@ class LiveFeedback:
         """Stream the epoch of that number, as in the p(error) table, and decode it."""
         buffer, signal = self._stream.buffer, self._signals[epoch]
         self._stream.mark(buffer.n_received - buffer.offset)
-        decoded = []
-        for first in range(0, signal.shape[1], CHUNK):
-            decoded += self._stream.push(signal[:, first : first + CHUNK])
-        ((_, log_odds),) = decoded
+        ((_, log_odds),) = _stream(self._stream, signal, CHUNK)
         return self._stream.p_error(log_odds)
