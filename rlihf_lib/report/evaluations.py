@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -28,9 +27,8 @@ TRAIN_COLUMNS = ("step", "episodes", "return", "success")
 def group_of(config) -> str:
     """Name what a run is compared as: its condition, and whatever isn't as in the paper.
 
-    "sparse", "dense", "rlihf"; "rlihf-ideal", "rlihf-mean" or "rlihf-shuffled" where p(error) isn't
-    decoded; settings that differ from the default as in the run's id, such as
-    "sparse-patience1000-discount0.98" or "rlihf-lay".
+    That is, a control of p(error), "rlihf-ideal", and settings that differ from the default as in
+    the run's id, such as "sparse-patience1000-discount0.98" or "rlihf-lay".
     """
     control = person_and_control(config.subject)[1]
     return "-".join(filter(None, [config.condition, control, *config.changes]))
@@ -48,30 +46,22 @@ def load_runs(study, stages: Iterable[str] = paper.CONDITIONS) -> pd.DataFrame:
     seed; the columns of `eval.csv`; phase (`add_phase`). A run that is missing raises
     FileNotFoundError; a table that lacks a column or a number, ValueError.
     """
-    return add_phase(read_runs(_configs(study, stages), study.runs))
+    return add_phase(_read_runs(study, stages, "eval.csv", EVAL_COLUMNS))
 
 
 def load_training(study, stages: Iterable[str]) -> pd.DataFrame:
     """Read how training went, in windows of steps, in a study's finished runs; see `load_runs`.
 
-    The columns of `train.csv` (step, episodes, return, success, ...) are means over the episodes
-    that ended in the window, empty where none did; the return is that of the condition's own
-    reward.
+    The columns of `train.csv` are means over the episodes that ended in the window, empty where
+    none did; the return is that of the condition's own reward.
     """
-    return read_runs(_configs(study, stages), study.runs, "train.csv", TRAIN_COLUMNS)
+    return _read_runs(study, stages, "train.csv", TRAIN_COLUMNS)
 
 
-def _configs(study, stages):
-    return dict.fromkeys(config for stage in stages for config in study.run_configs(stage))
-
-
-def read_runs(
-    configs: Iterable, runs_dir: Path, name: str = "eval.csv", columns: Iterable = EVAL_COLUMNS
-) -> pd.DataFrame:
-    """Read the table `name`, which must have `columns`, of each run; see `load_runs`."""
+def _read_runs(study, stages, name, columns):
     frames = []
-    for config in configs:
-        frame = read_run(config, runs_dir, name, tuple(columns))
+    for config in dict.fromkeys(c for stage in stages for c in study.run_configs(stage)):
+        frame = read_run(config, study.runs, name, columns)
         named = {
             "run": config.run_id, "group": group_of(config), "person": person_of(config.subject),
             "condition": config.condition, "subject": config.subject, "w_hf": config.w_hf,

@@ -42,12 +42,9 @@ REFERENCE: dict[str, Any] = {"color": "#888888", "lw": 0.8, "ls": (0, (2, 2))}
 #: Of single people or runs behind their mean.
 BEHIND: dict[str, Any] = {"color": "#BBBBBB", "lw": 0.7}
 
-# Inches of a two-column conference page (ieeeconf, letter).
-COLUMN_WIDTH = 3.4
-PAGE_WIDTH = 7.0
+COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches of a two-column conference page (ieeeconf, letter)
 
-# On top of seaborn's "paper", whose letters of 9.6 pt are scaled to the 8 pt of captions.
-FONT_SCALE = 8 / 9.6
+# On top of seaborn's "paper".
 RC = {
     "figure.dpi": 120,
     "savefig.dpi": 200,
@@ -67,8 +64,9 @@ RC = {
 
 def use_style() -> None:
     """Set the defaults of seaborn and Matplotlib for a two-column paper."""
-    # The font that comes with Matplotlib, so that figures are the same on every machine.
-    sns.set_theme("paper", "ticks", font="DejaVu Sans", font_scale=FONT_SCALE, rc=RC)
+    # The font that comes with Matplotlib, so that figures are the same on every machine; seaborn's
+    # 9.6 pt become the 8 pt of captions.
+    sns.set_theme("paper", "ticks", font="DejaVu Sans", font_scale=8 / 9.6, rc=RC)
 
 
 def label(group: str) -> str:
@@ -88,8 +86,8 @@ def line_style(group: str) -> dict[str, Any]:
 
 def ordered(groups: Iterable[str]) -> list[str]:
     """Sort groups for tables and figures: as in `LABELS`, the paper's first, unknown ones last."""
-    known = list(LABELS)
-    return sorted(set(groups), key=lambda g: (known.index(g) if g in known else len(known), g))
+    groups = set(groups)
+    return [*filter(groups.__contains__, LABELS), *sorted(groups - LABELS.keys())]
 
 
 def shades(n: int) -> list:
