@@ -1,6 +1,5 @@
 """What a study's runs have written, read and named; how they are counted and averaged."""
 
-from collections import defaultdict
 from collections.abc import Iterable
 
 import numpy as np
@@ -12,16 +11,12 @@ from rlihf_lib.report.style import label, ordered
 from rlihf_lib.rl.feedback import person_and_control
 from rlihf_lib.rl.runs import read_run
 
-METRICS = (
-    "return", "success", "path_efficiency", "path_deviation", "collisions", "min_clearance"
-)  # fmt: skip
-#: Values a metric can take.
-RANGES = defaultdict(
-    lambda: NO_BOUNDS, success=PROBABILITY, path_efficiency=PROBABILITY,
-    path_deviation=(0, np.inf), collisions=(0, np.inf),
-)  # fmt: skip
-EVAL_COLUMNS = ("step", "rollout", *METRICS)
-TRAIN_COLUMNS = ("step", "episodes", "return", "success")
+#: Values each metric can take.
+RANGES = {
+    "return": NO_BOUNDS, "success": PROBABILITY, "path_efficiency": PROBABILITY,
+    "path_deviation": (0, np.inf), "collisions": (0, np.inf), "min_clearance": NO_BOUNDS,
+}  # fmt: skip
+METRICS = tuple(RANGES)
 
 
 def group_of(config) -> str:
@@ -34,19 +29,14 @@ def group_of(config) -> str:
     return "-".join(filter(None, [config.condition, control, *config.changes]))
 
 
-def person_of(subject: str) -> str:
-    """Return whose p(error) a run drew on: "s02" for "s02" and "s02-mean"; "" for nobody's."""
-    return person_and_control(subject)[0]
-
-
 def load_runs(study, stages: Iterable[str] = paper.CONDITIONS) -> pd.DataFrame:
     """Read the evaluations of the finished runs of some stages of `study.run_configs`.
 
-    A row per rollout: run, group (`group_of`), person (`person_of`), condition, subject, w_hf,
-    seed; the columns of `eval.csv`; phase (`add_phase`). A run that is missing raises
-    FileNotFoundError; a table that lacks a column or a number, ValueError.
+    A row per rollout: run, group (`group_of`), condition, person (whose p(error) it drew on, "" for
+    nobody's), subject, w_hf, seed; the columns of `eval.csv`; phase (`add_phase`). A run that is
+    missing raises FileNotFoundError; a table that lacks a column or a number, ValueError.
     """
-    return add_phase(_read_runs(study, stages, "eval.csv", EVAL_COLUMNS))
+    return add_phase(_read_runs(study, stages, "eval.csv", ("step", "rollout", *METRICS)))
 
 
 def load_training(study, stages: Iterable[str]) -> pd.DataFrame:
@@ -55,19 +45,16 @@ def load_training(study, stages: Iterable[str]) -> pd.DataFrame:
     The columns of `train.csv` are means over the episodes that ended in the window, empty where
     none did; the return is that of the condition's own reward.
     """
-    return _read_runs(study, stages, "train.csv", TRAIN_COLUMNS)
+    return _read_runs(study, stages, "train.csv", ("step", "episodes", "return", "success"))
 
 
 def _read_runs(study, stages, name, columns):
     frames = []
     for config in dict.fromkeys(c for stage in stages for c in study.run_configs(stage)):
-        frame = read_run(config, study.runs, name, columns)
-        named = {
-            "run": config.run_id, "group": group_of(config), "person": person_of(config.subject),
-            "condition": config.condition, "subject": config.subject, "w_hf": config.w_hf,
-            "seed": config.seed,
-        }  # fmt: skip
-        frames.append(pd.DataFrame({**named, **frame}))
+        named = {key: getattr(config, key) for key in ("condition", "subject", "w_hf", "seed")}
+        named |= {"run": config.run_id, "group": group_of(config)}
+        named |= {"person": person_and_control(config.subject)[0]}
+        frames.append(read_run(config, study.runs, name, columns).assign(**named))
     return pd.concat(frames, ignore_index=True)
 
 

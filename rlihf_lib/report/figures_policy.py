@@ -15,26 +15,9 @@ import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rlihf_lib.report import paper
+from rlihf_lib.report import paper, style
+from rlihf_lib.report import statistics as st
 from rlihf_lib.report.evaluations import RANGES, late_scores, size, unit_means
-from rlihf_lib.report.statistics import (
-    EQUIVALENCE_MARGIN,
-    MIN_UNITS,
-    PROBABILITY,
-    mean_interval,
-    spearman,
-)
-from rlihf_lib.report.style import (
-    COLORS,
-    COLUMN_WIDTH,
-    PAGE_WIDTH,
-    REFERENCE,
-    color,
-    label,
-    line_style,
-    ordered,
-    shades,
-)
 
 AXIS_LABELS = {
     "return": "Evaluation return",
@@ -50,7 +33,6 @@ AXIS_LABELS = {
 }
 STEPS = "Steps (thousands)"
 SHARE = (-0.03, 1.03)  # limits of an axis of shares, with room for lines at 0 and 1
-FEW_WINDOWS = 10  # fewer are marked: a single one makes no line
 CONTROL_STEP = 0.1  # s
 RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
 
@@ -62,7 +44,7 @@ def overview_figure(scene, waves, p_error, runs) -> Figure:
     with channel and time in s (the table `difference_waves` of notebook 01), drawn at Cz, or the
     first channel where there is none; `Study.p_error`; and the runs of the main comparison.
     """
-    fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 1.9), width_ratios=[1.2, 1, 1, 1])
+    fig, axes = plt.subplots(1, 4, figsize=(style.PAGE_WIDTH, 1.9), width_ratios=[1.2, 1, 1, 1])
     robot, brain, decoder, policy = axes
     robot.axis("off")
     if scene is None:
@@ -74,13 +56,13 @@ def overview_figure(scene, waves, p_error, runs) -> Figure:
     people = waves[waves["channel"] == channel].drop(columns="channel").set_index("time")
     people.index *= 1000
     brain.plot(people, color="#BBBBBB", lw=0.5)
-    brain.plot(people.mean(axis=1), color=COLORS["error"], lw=1.6)
+    brain.plot(people.mean(axis=1), color=style.COLORS["error"], lw=1.6)
     brain.axhline(0, color="#555555", lw=0.5)
     brain.set(xlabel="Time after the error (ms)", ylabel=f"Error - correct, {channel} (µV)")
     brain.set_xlim(0, people.index.max())
     classes = p_error.assign(moment=p_error["label"].map({0: "correct", 1: "error"}))
     sns.histplot(
-        classes, x="p_error", hue="moment", hue_order=["correct", "error"], palette=COLORS,
+        classes, x="p_error", hue="moment", hue_order=["correct", "error"], palette=style.COLORS,
         ax=decoder, bins=20, binrange=(0, 1), stat="density", common_norm=False, element="step",
         alpha=0.25,
     )  # fmt: skip
@@ -105,10 +87,10 @@ def learning_curve(runs: pd.DataFrame, ax: Axes, metric: str = "return", **line)
     points = runs.groupby(["subject", "run", "step"])[metric].mean().unstack("step")
     steps, means = points.columns.to_numpy() / 1000, unit_means(points)
     ax.plot(steps, means.mean(axis=0), **line)
-    if len(means) < MIN_UNITS:
+    if len(means) < st.MIN_UNITS:
         ax.plot(steps, points.T, color=line.get("color"), alpha=0.45, linewidth=0.5)
     else:
-        low, high = mean_interval(means, RANGES[metric])
+        low, high = st.mean_interval(means, RANGES[metric])
         ax.fill_between(steps, low, high, color=line.get("color"), alpha=0.18, linewidth=0)
 
 
@@ -116,7 +98,7 @@ def group_curves(runs: pd.DataFrame, ax: Axes, groups, metric: str = "return") -
     """Draw the `learning_curve` of each group in its colour and dashes."""
     for group in groups:
         chosen = runs[runs["group"] == group]
-        learning_curve(chosen, ax, metric, **line_style(group), label=label(group))
+        learning_curve(chosen, ax, metric, **style.line_style(group), label=style.label(group))
 
 
 def name_axes(ax: Axes, runs: pd.DataFrame, metric: str) -> None:
@@ -143,10 +125,8 @@ def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
     n = len(panels)
     columns = min(n, 5 if n > 8 else 4)
     rows = -(-n // columns)
-    fig, axes = plt.subplots(
-        rows, columns, figsize=(PAGE_WIDTH, 0.8 + 1.25 * rows), sharex=True, sharey=True,
-        squeeze=False,
-    )  # fmt: skip
+    page = style.PAGE_WIDTH, 0.8 + 1.25 * rows
+    fig, axes = plt.subplots(rows, columns, figsize=page, sharex=True, sharey=True, squeeze=False)
     for ax, (title, chosen) in zip(axes.flat, panels.items(), strict=False):
         group_curves(chosen, ax, paper.CONDITIONS)
         ax.set_title(title, fontsize=7.5, fontweight="bold" if chosen is runs else None)
@@ -164,10 +144,10 @@ def figure_6(runs: pd.DataFrame, metric: str = "return") -> Figure:
 
     Any number of weights; darker is heavier.
     """
-    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.9))
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.9))
     group_curves(runs, ax, ("sparse", "dense"), metric)
     weights = list(runs[runs["group"] == "rlihf"].groupby("w_hf"))
-    looks = zip(weights, shades(len(weights)), cycle("os^Dv"), strict=False)
+    looks = zip(weights, style.shades(len(weights)), cycle("os^Dv"), strict=False)
     for (weight, chosen), shade, marker in looks:
         name = f"RLIHF, $w_{{hf}}$ = {weight:g}"
         learning_curve(chosen, ax, metric, color=shade, marker=marker, markersize=3, label=name)
@@ -181,14 +161,14 @@ def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str) 
 
     `training` is from `evaluations.load_training`, as `runs` of this condition.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.0))
+    fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.0))
     windows = training.dropna(subset="return").assign(thousands=lambda t: t["step"] / 1000)
     sns.lineplot(
         windows, x="thousands", y="return", units="run", estimator=None, ax=axes[0],
-        color=color(condition), alpha=0.5, lw=0.8,
+        color=style.color(condition), alpha=0.5, lw=0.8,
     )  # fmt: skip
     name_axes(axes[0], runs, "return")
-    axes[0].set_ylabel(f"Training return ({label(condition)})")
+    axes[0].set_ylabel(f"Training return ({style.label(condition)})")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):
         group_curves(runs, ax, [condition], metric)
         name_axes(ax, runs, metric)
@@ -202,22 +182,21 @@ def learner_figure(training: pd.DataFrame, condition: str) -> Figure:
     looked wrong to the observer; from `evaluations.load_training`.
     """
     columns = ["critic_loss", "ent_coef", "mean_q", *["judged_wrong"] * (condition == "rlihf")]
-    fig, axes = plt.subplots(1, len(columns), figsize=(PAGE_WIDTH, 1.9))
-    look = {"color": color(condition), "lw": 0.9}
-    marker = "." if len(training) < FEW_WINDOWS else None
+    fig, axes = plt.subplots(1, len(columns), figsize=(style.PAGE_WIDTH, 1.9))
+    thousands, shade = training["step"] / 1000, style.color(condition)
+    marker = "." if len(training) < 10 else None  # a single window makes no line
     for ax, column in zip(axes, columns, strict=True):
-        ax.plot(training["step"] / 1000, training[column], marker=marker, **look)
+        ax.plot(thousands, training[column], color=shade, lw=0.9, marker=marker)
         name_axes(ax, training, column)
         ax.set_xlabel(STEPS)
-        learnt = training[column].notna().any()  # nothing is in the first steps
-        if column in ("critic_loss", "ent_coef") and learnt:
-            ax.set_yscale("log")
+        if column in ("critic_loss", "ent_coef") and training[column].notna().any():
+            ax.set_yscale("log")  # not where nothing is learnt, as in the first steps
     return fig
 
 
 def success_figure(runs: pd.DataFrame) -> Figure:
     """Success rate, path efficiency and deviation of the paper's conditions while they train."""
-    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.1))
+    fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.1))
     for ax, metric in zip(axes, paper.METRICS, strict=True):
         group_curves(runs, ax, paper.CONDITIONS, metric)
         ax.set_ylim(bottom=0)
@@ -229,18 +208,18 @@ def success_figure(runs: pd.DataFrame) -> Figure:
 def safety_figure(runs: pd.DataFrame) -> Figure:
     """Collisions and minimum clearance in the late phase."""
     late = late_scores(runs).assign(min_clearance=lambda table: 100 * table["min_clearance"])
-    fig, axes = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, 2.1))
+    fig, axes = plt.subplots(1, 2, figsize=(style.COLUMN_WIDTH, 2.1))
     rng = np.random.default_rng(0)
     for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
         for x, group in enumerate(paper.CONDITIONS):
-            shade = color(group)
+            shade = style.color(group)
             scores = late[late["group"] == group].set_index("subject")[metric].dropna()
             ax.plot(x + rng.uniform(-0.12, 0.12, len(scores)), scores, color=shade, **RUNS)
             means = unit_means(scores)
-            ax.vlines(x + 0.25, *mean_interval(means, RANGES[metric]), color=shade)
+            ax.vlines(x + 0.25, *st.mean_interval(means, RANGES[metric]), color=shade)
             ax.plot(x + 0.25, means.mean(), "D", color=shade, ms=4)
         ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
-        ax.set_xticks(range(3), [label(group).removeprefix("RL ") for group in paper.CONDITIONS])
+        ax.set_xticks(range(3), [style.label(g).removeprefix("RL ") for g in paper.CONDITIONS])
         ax.set_ylim(0, 1.1 * late[metric].max() or 1)
     return fig
 
@@ -252,17 +231,16 @@ def trade_off_figure(runs: pd.DataFrame) -> Figure:
     """
     late = runs.query("phase == 'Late' and success == 1")
     late = late.assign(seconds=CONTROL_STEP * late["steps"], cm=100 * late["min_clearance"])
-    weights = sorted(late.loc[late["group"] == "rlihf", "w_hf"].unique())
-    looks = {("dense", 0.0): (label("dense"), color("dense"))}
-    for weight, shade in zip(weights, shades(len(weights)), strict=True):
-        looks["rlihf", weight] = (f"{label('rlihf')}, $w_{{hf}}$ = {weight:g}", shade)
-    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.6))
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.6))
     placed = late.groupby(["group", "w_hf", "subject", "run"])[["seconds", "cm"]].mean()
-    for of, (name, shade) in looks.items():
-        if of in placed.index:
-            scores = placed.loc[of]
+    rlihf = list(placed.query("group == 'rlihf'").groupby("w_hf"))
+    curves = [(style.label("dense"), placed.query("group == 'dense'"), style.color("dense"))]
+    for (weight, scores), shade in zip(rlihf, style.shades(len(rlihf)), strict=True):
+        curves.append((f"RLIHF, $w_{{hf}}$ = {weight:g}", scores, shade))
+    for name, scores, shade in curves:
+        if len(scores):
             means = unit_means(scores)
-            (x, y), intervals = means.mean(), mean_interval(means)
+            (x, y), intervals = means.mean(), st.mean_interval(means)
             arms = np.abs(intervals - [[x, y]])
             ax.plot(*scores.to_numpy().T, color=shade, **RUNS)
             ax.errorbar(x, y, arms[:, 1:], arms[:, :1], fmt="D", ms=4, color=shade, label=name)
@@ -280,24 +258,24 @@ def comparison_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     A profile is the share of runs with a score above each threshold (Agarwal et al. 2021), of every
     group in `runs`; `table` is from `tables.comparison_table`.
     """
-    fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), width_ratios=[1.2, 1])
-    thresholds, late = np.linspace(0, 1, 101), late_scores(runs)
-    for group in ordered(late["group"]):
+    fig, (left, right) = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.4), width_ratios=[1.2, 1])
+    taus, late = np.linspace(0, 1, 101), late_scores(runs)
+    for group in style.ordered(late["group"]):
         chosen = late[late["group"] == group]
-        above = chosen[["success"]].to_numpy() > thresholds
+        above = chosen[["success"]].to_numpy() > taus
         shares = unit_means(pd.DataFrame(above, chosen["subject"], dtype=float))
-        name = f"{label(group)} ({size(chosen)})"
-        left.step(thresholds, shares.mean(), where="post", label=name, **line_style(group))
-        low, high = mean_interval(shares, PROBABILITY)
-        left.fill_between(thresholds, low, high, step="post", color=color(group), alpha=0.18, lw=0)
+        name = f"{style.label(group)} ({size(chosen)})"
+        left.step(taus, shares.mean(), where="post", label=name, **style.line_style(group))
+        low, high = st.mean_interval(shares, st.PROBABILITY)
+        left.fill_between(taus, low, high, step="post", color=style.color(group), alpha=0.18, lw=0)
     left.set(xlabel=r"Late success rate $\tau$", ylabel=r"Share of runs above $\tau$")
     left.set(xlim=(-0.02, 1.02), ylim=SHARE)
     fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     rows = table[table["metric"] == "success"][::-1]
-    places, shade = range(len(rows)), color("rlihf")
+    places, shade = range(len(rows)), style.color("rlihf")
     right.hlines(places, rows["improvement_low"], rows["improvement_high"], color=shade)
     right.plot(rows["improvement"], places, "D", ms=4, color=shade)
-    right.axvline(0.5, **REFERENCE)
+    right.axvline(0.5, **style.REFERENCE)
     right.set_yticks(places, rows["comparison"].str.replace(" - ", " > "))
     right.set(xlim=SHARE, ylim=(-0.6, len(rows) - 0.4), xlabel="P(improvement) in late success")
     return fig
@@ -309,17 +287,17 @@ def decoder_policy_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     `table` is from `tables.subject_table`. People are named whose policies stay behind dense reward
     by more than `statistics.EQUIVALENCE_MARGIN`. The title holds Spearman's correlation.
     """
-    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.5))
-    shade = color("rlihf")
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.5))
+    shade = style.color("rlihf")
     late = late_scores(runs).query("group == 'rlihf'").merge(table[["subject", "auroc"]])
     ax.plot(late["auroc"], late["success"], color=shade, **RUNS)
     ax.vlines(table["auroc"], table["success_low"], table["success_high"], color=shade)
-    ax.plot(table["auroc"], table["success"], "D", color=shade, ms=4, label=label("rlihf"))
-    for row in table[table["success"] < table["dense"] - EQUIVALENCE_MARGIN].itertuples():
+    ax.plot(table["auroc"], table["success"], "D", color=shade, ms=4, label=style.label("rlihf"))
+    for row in table[table["success"] < table["dense"] - st.EQUIVALENCE_MARGIN].itertuples():
         place = row.auroc, row.success
         ax.annotate(row.subject, place, (4, 4), textcoords="offset points", fontsize=7)
-    ax.axhline(table["dense"].iloc[0], **line_style("dense"), label=label("dense"))
-    r = spearman(table["auroc"], table["success"])
+    ax.axhline(table["dense"].iloc[0], **style.line_style("dense"), label=style.label("dense"))
+    r = st.spearman(table["auroc"], table["success"])
     spread = "no interval" if np.isnan(r["ci_low"]) else f"[{r['ci_low']:.2f}, {r['ci_high']:.2f}]"
     ax.set_title(
         rf"Spearman's $\rho$ = {r['rho']:.2f}, {spread}, n = {r['n']}"

@@ -7,34 +7,23 @@ import matplotlib as mpl
 import numpy as np
 import seaborn as sns
 
+#: Every name under which runs are compared (`evaluations.group_of`): as people read it, its colour.
 # Okabe & Ito (2008), "Color Universal Design": told apart with every common colour blindness.
-COLORS = {
-    "sparse": "#7F7F7F",
-    "dense": "#0072B2",
-    "rlihf": "#D55E00",
-    "correct": "#0072B2",
-    "error": "#D55E00",
-    "pretrain": "#F0E442",  # the paper's Fig. 5: yellow and orange bars
-    "online": "#E69F00",
-    "rlihf-ideal": "#000000",
-    "rlihf-mean": "#CC79A7",
-    "rlihf-shuffled": "#E69F00",
-    "rlihf-lay": "#882255",
-    "sparse-patience1000-discount0.98": "#009E73",
-    "sparse-patience1000-discount0.99": "#56B4E9",
+GROUPS = {
+    "sparse": ("RL sparse", "#7F7F7F"),
+    "dense": ("RL dense", "#0072B2"),
+    "rlihf": ("RLIHF", "#D55E00"),
+    "sparse-patience1000-discount0.98": ("RL sparse, tuned (0.98)", "#009E73"),
+    "sparse-patience1000-discount0.99": ("RL sparse, tuned (0.99)", "#56B4E9"),
+    "rlihf-ideal": ("RLIHF, ideal p", "#000000"),
+    "rlihf-mean": ("RLIHF, constant p", "#CC79A7"),
+    "rlihf-shuffled": ("RLIHF, shuffled p", "#E69F00"),
+    "rlihf-lay": ("RLIHF, lay observer", "#882255"),
 }
-#: Every name under which runs are compared (`evaluations.group_of`), as people read it.
-LABELS = {
-    "sparse": "RL sparse",
-    "dense": "RL dense",
-    "rlihf": "RLIHF",
-    "sparse-patience1000-discount0.98": "RL sparse, tuned (0.98)",
-    "sparse-patience1000-discount0.99": "RL sparse, tuned (0.99)",
-    "rlihf-ideal": "RLIHF, ideal p",
-    "rlihf-mean": "RLIHF, constant p",
-    "rlihf-shuffled": "RLIHF, shuffled p",
-    "rlihf-lay": "RLIHF, lay observer",
-}
+LABELS = {group: words for group, (words, _) in GROUPS.items()}
+COLORS = {group: shade for group, (_, shade) in GROUPS.items()}
+COLORS |= {"correct": "#0072B2", "error": "#D55E00"}
+COLORS |= {"pretrain": "#F0E442", "online": "#E69F00"}  # the paper's Fig. 5: yellow, orange bars
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
 #: Of chance levels and other lines to compare with.
