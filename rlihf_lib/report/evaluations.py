@@ -1,8 +1,6 @@
 """What a study's runs have written, read and named; how they are counted and averaged."""
 
-from collections import defaultdict
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,71 +11,50 @@ from rlihf_lib.report.style import label, ordered
 from rlihf_lib.rl.feedback import person_and_control
 from rlihf_lib.rl.runs import read_run
 
-METRICS = (
-    "return", "success", "path_efficiency", "path_deviation", "collisions", "min_clearance"
-)  # fmt: skip
-#: Values a metric can take.
-RANGES = defaultdict(
-    lambda: NO_BOUNDS, success=PROBABILITY, path_efficiency=PROBABILITY,
-    path_deviation=(0, np.inf), collisions=(0, np.inf),
-)  # fmt: skip
-EVAL_COLUMNS = ("step", "rollout", *METRICS)
-TRAIN_COLUMNS = ("step", "episodes", "return", "success")
+#: Values each metric can take.
+RANGES = {
+    "return": NO_BOUNDS, "success": PROBABILITY, "path_efficiency": PROBABILITY,
+    "path_deviation": (0, np.inf), "collisions": (0, np.inf), "min_clearance": NO_BOUNDS,
+}  # fmt: skip
+METRICS = tuple(RANGES)
 
 
 def group_of(config) -> str:
     """Name what a run is compared as: its condition, and whatever isn't as in the paper.
 
-    "sparse", "dense", "rlihf"; "rlihf-ideal", "rlihf-mean" or "rlihf-shuffled" where p(error) isn't
-    decoded; settings that differ from the default as in the run's id, such as
-    "sparse-patience1000-discount0.98" or "rlihf-lay".
+    That is, a control of p(error), "rlihf-ideal", and settings that differ from the default as in
+    the run's id, such as "sparse-patience1000-discount0.98" or "rlihf-lay".
     """
     control = person_and_control(config.subject)[1]
     return "-".join(filter(None, [config.condition, control, *config.changes]))
 
 
-def person_of(subject: str) -> str:
-    """Return whose p(error) a run drew on: "s02" for "s02" and "s02-mean"; "" for nobody's."""
-    return person_and_control(subject)[0]
-
-
 def load_runs(study, stages: Iterable[str] = paper.CONDITIONS) -> pd.DataFrame:
     """Read the evaluations of the finished runs of some stages of `study.run_configs`.
 
-    A row per rollout: run, group (`group_of`), person (`person_of`), condition, subject, w_hf,
-    seed; the columns of `eval.csv`; phase (`add_phase`). A run that is missing raises
-    FileNotFoundError; a table that lacks a column or a number, ValueError.
+    A row per rollout: run, group (`group_of`), condition, person (whose p(error) it drew on, "" for
+    nobody's), subject, w_hf, seed; the columns of `eval.csv`; phase (`add_phase`). A run that is
+    missing raises FileNotFoundError; a table that lacks a column or a number, ValueError.
     """
-    return add_phase(read_runs(_configs(study, stages), study.runs))
+    return add_phase(_read_runs(study, stages, "eval.csv", ("step", "rollout", *METRICS)))
 
 
 def load_training(study, stages: Iterable[str]) -> pd.DataFrame:
     """Read how training went, in windows of steps, in a study's finished runs; see `load_runs`.
 
-    The columns of `train.csv` (step, episodes, return, success, ...) are means over the episodes
-    that ended in the window, empty where none did; the return is that of the condition's own
-    reward.
+    The columns of `train.csv` are means over the episodes that ended in the window, empty where
+    none did; the return is that of the condition's own reward.
     """
-    return read_runs(_configs(study, stages), study.runs, "train.csv", TRAIN_COLUMNS)
+    return _read_runs(study, stages, "train.csv", ("step", "episodes", "return", "success"))
 
 
-def _configs(study, stages):
-    return dict.fromkeys(config for stage in stages for config in study.run_configs(stage))
-
-
-def read_runs(
-    configs: Iterable, runs_dir: Path, name: str = "eval.csv", columns: Iterable = EVAL_COLUMNS
-) -> pd.DataFrame:
-    """Read the table `name`, which must have `columns`, of each run; see `load_runs`."""
+def _read_runs(study, stages, name, columns):
     frames = []
-    for config in configs:
-        frame = read_run(config, runs_dir, name, tuple(columns))
-        named = {
-            "run": config.run_id, "group": group_of(config), "person": person_of(config.subject),
-            "condition": config.condition, "subject": config.subject, "w_hf": config.w_hf,
-            "seed": config.seed,
-        }  # fmt: skip
-        frames.append(pd.DataFrame({**named, **frame}))
+    for config in dict.fromkeys(c for stage in stages for c in study.run_configs(stage)):
+        named = {key: getattr(config, key) for key in ("condition", "subject", "w_hf", "seed")}
+        named |= {"run": config.run_id, "group": group_of(config)}
+        named |= {"person": person_and_control(config.subject)[0]}
+        frames.append(read_run(config, study.runs, name, columns).assign(**named))
     return pd.concat(frames, ignore_index=True)
 
 

@@ -11,14 +11,9 @@ import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rlihf_lib.eeg.scores import reliability
+from rlihf_lib.eeg.scores import N_BINS, reliability
 from rlihf_lib.report.style import BEHIND, COLORS, COLUMN_WIDTH, PAGE_WIDTH, REFERENCE
 
-BARS = {
-    "accuracy_pretrain": "Pretraining (validation subjects)",
-    "accuracy_online": "Online (held-out subject, replayed)",
-}
-N_BINS = 10  # of p(error)
 SCORES = {"accuracy": "Accuracy", "balanced_accuracy": "Balanced accuracy", "auroc": "AUROC"}
 MAX_FREQUENCY = 15  # Hz, of temporal filters
 N_FFT = 256
@@ -31,15 +26,17 @@ def figure_5(scores: pd.DataFrame) -> Figure:
     """
     table = scores.set_index("subject")
     table.loc["mean"] = table.mean(numeric_only=True)
-    arms = _arms(table.iloc[:-1], "accuracy_online")
     fig, ax = plt.subplots(figsize=(PAGE_WIDTH, 2.6))
-    colors = [COLORS["pretrain"], COLORS["online"]]
-    bars = table[list(BARS)].rename(columns=BARS)
-    bars.plot.bar(ax=ax, color=colors, width=0.78, ec="#555555", lw=0.4, rot=0, legend=False)
+    bars = table[["accuracy_pretrain", "accuracy_online"]]
+    bars.columns = ["Pretraining (validation subjects)", "Online (held-out subject, replayed)"]
+    bars.plot.bar(
+        ax=ax, color=[COLORS["pretrain"], COLORS["online"]], width=0.78, ec="#555555", lw=0.4,
+        rot=0, legend=False,
+    )  # fmt: skip
     x = np.arange(len(table))
     ax.errorbar(
-        x[:-1] + 0.2, scores["accuracy_online"], arms, fmt="none", ecolor="#333333",
-        elinewidth=0.8, capsize=1.5, label="95 % interval over trials",
+        x[:-1] + 0.2, scores["accuracy_online"], _arms(scores, "accuracy_online"), fmt="none",
+        ecolor="#333333", elinewidth=0.8, capsize=1.5, label="95 % interval over trials",
     )  # fmt: skip
     majority = table["majority"]
     ax.hlines(majority, x - 0.42, x + 0.42, color="black", lw=1, label="Always the majority class")
@@ -52,8 +49,8 @@ def figure_5(scores: pd.DataFrame) -> Figure:
 
 
 def _arms(scores, column):
-    low, high = scores[f"{column}_low"], scores[f"{column}_high"]
-    return [scores[column] - low, high - scores[column]]
+    ends = scores[[f"{column}_low", f"{column}_high"]]
+    return ends.sub(scores[column], axis=0).abs().to_numpy().T
 
 
 def scores_figure(scores: pd.DataFrame) -> Figure:
@@ -81,16 +78,14 @@ def reliability_figure(table: pd.DataFrame) -> Figure:
 
     `table` is p_error.csv: all held-out epochs.
     """
-    fig, (ax, histogram) = plt.subplots(
-        2, 1, figsize=(COLUMN_WIDTH, 3.3), sharex=True, height_ratios=(3, 1)
-    )
+    fig, axes = plt.subplots(2, figsize=(COLUMN_WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
+    ax, histogram = axes
     ax.plot([0, 1], [0, 1], label="Perfect", **REFERENCE)
     for column, color, marker, label in (
         ("p_error_raw", COLORS["sparse"], "s", "Raw"),
         ("p_error", COLORS["rlihf"], "o", "Temperature-scaled"),
     ):
-        p, labels = table[column].to_numpy(), table["label"].to_numpy()
-        promised, observed, count = reliability(p, labels, N_BINS)
+        promised, observed, count = reliability(table[column], table["label"])
         error = 1.96 * np.sqrt(observed * (1 - observed) / np.maximum(count, 1))
         ax.errorbar(
             promised, observed, error, color=color, marker=marker, ms=3.5, capsize=1.5, label=label
@@ -116,9 +111,8 @@ def patterns_figure(decoder, signals: np.ndarray, positions: mne.Info) -> Figure
     info = mne.pick_info(positions, [positions.ch_names.index(channels[i]) for i in picks])
     frequencies = np.fft.rfftfreq(N_FFT, 1 / decoder.input_format.network_sfreq)
     gains = np.abs(np.fft.rfft(temporal, N_FFT, axis=1))
-    fig, axes = plt.subplots(
-        1 + n_spatial, n_temporal, figsize=(PAGE_WIDTH, 1.0 + 0.95 * n_spatial), squeeze=False
-    )
+    page = PAGE_WIDTH, 1.0 + 0.95 * n_spatial
+    fig, axes = plt.subplots(1 + n_spatial, n_temporal, figsize=page, squeeze=False)
     for f, (ax, *maps) in enumerate(axes.T):
         ax.plot(frequencies, gains[f] / gains.max(), color=COLORS["dense"])
         ax.set(ylim=(0, 1.05), xlim=(0, MAX_FREQUENCY), title=f"filter {f + 1}")

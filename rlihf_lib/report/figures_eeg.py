@@ -6,7 +6,6 @@ import matplotlib.pyplot as plt
 import mne
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlihf_lib.eeg.erp import confidence_band
@@ -27,9 +26,8 @@ def trial_counts_figure(counts: pd.DataFrame) -> Figure:
     colors = [COLORS["correct"], COLORS["error"], *DROPPED][: counts.shape[1]]
     shown = counts.rename(columns=lambda n: n if n in ("correct", "error") else f"dropped: {n}")
     shown.plot.bar(stacked=True, ax=ax, color=colors, width=0.75, rot=0, ec="white", lw=0.3)
-    for bars in ax.containers[2:]:
-        for bar in bars:
-            bar.set_hatch("//")
+    for bar in ax.patches[2 * len(counts) :]:
+        bar.set_hatch("//")
     ax.set(xlabel="Subject", ylabel="Feedback events")
     ax.grid(axis="x", visible=False)
     ax.legend(ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
@@ -54,20 +52,15 @@ def difference_waves_figure(
         ax.set(title=channel, xlabel="Time after feedback (ms)")
         ax.set_xlim(MS * times[0], MS * times[-1])
         if published and channel == "Cz":
-            _mark_published(ax)
+            low, high = ax.get_ylim()
+            ax.set_ylim(low - 0.08 * (high - low), high)  # room for the marks, below the waves
+            for sign, start, stop in CZ:
+                grey, mark = ("0.85", "+") if sign > 0 else ("0.6", "−")
+                ax.axvspan(MS * start, MS * stop, ymax=0.07, facecolor=grey)
+                place = {"transform": ax.get_xaxis_transform(), "ha": "center", "va": "center"}
+                ax.text(MS * (start + stop) / 2, 0.035, mark, fontsize=7, **place)
     axes[0, 0].set_ylabel("Error − correct (µV)")
     return fig
-
-
-def _mark_published(ax: Axes) -> None:
-    low, high = ax.get_ylim()
-    ax.set_ylim(low - 0.08 * (high - low), high)  # room for the marks, below the waves
-    for sign, start, stop in CZ:
-        ax.axvspan(MS * start, MS * stop, ymax=0.07, facecolor="0.85" if sign > 0 else "0.6")
-        ax.text(
-            MS * (start + stop) / 2, 0.035, "+" if sign > 0 else "−", fontsize=7,
-            transform=ax.get_xaxis_transform(), ha="center", va="center",
-        )  # fmt: skip
 
 
 def topographies_figure(evoked: mne.Evoked, times: Sequence[float]) -> Figure:

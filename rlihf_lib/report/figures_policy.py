@@ -1,20 +1,23 @@
-"""Figures of learning: Fig. 4, Fig. 6, and what the learner says of itself.
+"""Figures of policies: Fig. 2, 4, 6, what the learner says of itself, what is reached in the end.
 
-Each function takes the table of `evaluations.load_runs`, draws, and returns the figure. Lines are
-means over runs, bands 95 % intervals (`statistics`). Where fewer than five people, or seeds of one,
-were drawn, the runs themselves are shown instead. Vertical lines part Early, Mid and Late.
+Most take the table of `evaluations.load_runs`. Lines and diamonds are means over people and seeds,
+bands and bars their 95 % intervals (`statistics`); where fewer than five people, or seeds of one,
+were drawn, the runs themselves are shown. Of the late phase, dots are runs.
 """
 
+from itertools import cycle
+from typing import Any
+
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rlihf_lib.report import paper
-from rlihf_lib.report.evaluations import RANGES, unit_means
-from rlihf_lib.report.statistics import MIN_UNITS, mean_interval
-from rlihf_lib.report.style import COLUMN_WIDTH, PAGE_WIDTH, color, label, line_style, shades
+from rlihf_lib.report import paper, style
+from rlihf_lib.report import statistics as st
+from rlihf_lib.report.evaluations import RANGES, late_scores, size, unit_means
 
 AXIS_LABELS = {
     "return": "Evaluation return",
@@ -23,11 +26,57 @@ AXIS_LABELS = {
     "path_deviation": "Path deviation (m)",
     "collisions": "Collisions per episode",
     "min_clearance": "Minimum clearance (cm)",
+    "critic_loss": "Critic loss",
+    "ent_coef": r"Entropy coefficient $\alpha$",
+    "mean_q": "Mean Q",
+    "judged_wrong": "Share judged wrong",
 }
-#: Limits of an axis of shares, with room for lines at 0 and 1.
-SHARE = (-0.03, 1.03)
-MARKERS = "os^Dv"
-FEW_WINDOWS = 10  # fewer are marked: a single one makes no line
+STEPS = "Steps (thousands)"
+SHARE = (-0.03, 1.03)  # limits of an axis of shares, with room for lines at 0 and 1
+CONTROL_STEP = 0.1  # s
+RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
+
+
+def overview_figure(scene, waves, p_error, runs) -> Figure:
+    """Fig. 2, the way from an error potential to a policy, drawn from this study's own data.
+
+    Of a picture from `figures_task.scene`; error-minus-correct waves, uV, a column each person,
+    with channel and time in s (the table `difference_waves` of notebook 01), drawn at Cz, or the
+    first channel where there is none; `Study.p_error`; and the runs of the main comparison.
+    """
+    fig, axes = plt.subplots(1, 4, figsize=(style.PAGE_WIDTH, 1.9), width_ratios=[1.2, 1, 1, 1])
+    robot, brain, decoder, policy = axes
+    robot.axis("off")
+    if scene is None:
+        robot.text(0.5, 0.5, "no OpenGL library here", ha="center", fontsize=7)
+    else:
+        width = scene.shape[1]
+        robot.imshow(scene[:, width // 10 : 9 * width // 10])
+    channel = "Cz" if "Cz" in set(waves["channel"]) else waves["channel"].iloc[0]
+    people = waves[waves["channel"] == channel].drop(columns="channel").set_index("time")
+    people.index *= 1000
+    brain.plot(people, color="#BBBBBB", lw=0.5)
+    brain.plot(people.mean(axis=1), color=style.COLORS["error"], lw=1.6)
+    brain.axhline(0, color="#555555", lw=0.5)
+    brain.set(xlabel="Time after the error (ms)", ylabel=f"Error - correct, {channel} (µV)")
+    brain.set_xlim(0, people.index.max())
+    classes = p_error.assign(moment=p_error["label"].map({0: "correct", 1: "error"}))
+    sns.histplot(
+        classes, x="p_error", hue="moment", hue_order=["correct", "error"], palette=style.COLORS,
+        ax=decoder, bins=20, binrange=(0, 1), stat="density", common_norm=False, element="step",
+        alpha=0.25,
+    )  # fmt: skip
+    decoder.set(xlabel="p(error); reward r = 1 - p", ylabel="Density of epochs", xlim=(0, 1))
+    look = {"title": "the robot was", "fontsize": 6, "title_fontsize": 6}
+    sns.move_legend(decoder, "upper center", **look)
+    group_curves(runs, policy, paper.CONDITIONS, "success")
+    policy.set(xlabel=STEPS, ylabel=AXIS_LABELS["success"], ylim=(SHARE[0], 1.55))
+    policy.set_yticks([0, 0.5, 1])
+    policy.legend(fontsize=6, loc="upper left")
+    titles = "A person watches  →", "the brain answers  →", "a decoder rewards  →"
+    for ax, title in zip(axes, (*titles, "the robot learns  ↺"), strict=True):
+        ax.set_title(title, fontweight="bold", loc="left")
+    return fig
 
 
 def learning_curve(runs: pd.DataFrame, ax: Axes, metric: str = "return", **line) -> None:
@@ -38,10 +87,10 @@ def learning_curve(runs: pd.DataFrame, ax: Axes, metric: str = "return", **line)
     points = runs.groupby(["subject", "run", "step"])[metric].mean().unstack("step")
     steps, means = points.columns.to_numpy() / 1000, unit_means(points)
     ax.plot(steps, means.mean(axis=0), **line)
-    if len(means) < MIN_UNITS:
+    if len(means) < st.MIN_UNITS:
         ax.plot(steps, points.T, color=line.get("color"), alpha=0.45, linewidth=0.5)
     else:
-        low, high = mean_interval(means, RANGES[metric])
+        low, high = st.mean_interval(means, RANGES[metric])
         ax.fill_between(steps, low, high, color=line.get("color"), alpha=0.18, linewidth=0)
 
 
@@ -49,14 +98,16 @@ def group_curves(runs: pd.DataFrame, ax: Axes, groups, metric: str = "return") -
     """Draw the `learning_curve` of each group in its colour and dashes."""
     for group in groups:
         chosen = runs[runs["group"] == group]
-        learning_curve(chosen, ax, metric, **line_style(group), label=label(group))
+        learning_curve(chosen, ax, metric, **style.line_style(group), label=style.label(group))
 
 
-def mark_phases(ax: Axes, total_steps: float) -> None:
-    """Part the thirds of training, Early, Mid and Late, and name the axis of steps."""
+def name_axes(ax: Axes, runs: pd.DataFrame, metric: str) -> None:
+    """Name both axes of a curve; vertical lines part the thirds of training: Early, Mid, Late."""
     for third in (1, 2):
-        ax.axvline(third * total_steps / 3000, color="#BBBBBB", linewidth=0.6, zorder=0)
-    ax.set_xlabel("Training steps (thousands)")
+        ax.axvline(third * runs["step"].max() / 3000, color="#BBBBBB", linewidth=0.6, zorder=0)
+    ax.set(xlabel="Training steps (thousands)", ylabel=AXIS_LABELS[metric])
+    if metric in ("success", "judged_wrong"):
+        ax.set_ylim(SHARE)
 
 
 def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
@@ -66,28 +117,25 @@ def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
     their decoder, from `Study.scores`.
     """
     people = scores[scores["subject"].isin(runs["subject"])]
-    people = people.sort_values("auroc", ascending=False)
-    titles = {row.subject: f"{row.subject}, AUROC {row.auroc:.2f}" for row in people.itertuples()}
-    n = len(titles) + 1
+    panels = {
+        f"{row.subject}, AUROC {row.auroc:.2f}": runs[runs["subject"].isin(["", row.subject])]
+        for row in people.sort_values("auroc", ascending=False).itertuples()
+    }
+    panels["mean over people"] = runs
+    n = len(panels)
     columns = min(n, 5 if n > 8 else 4)
     rows = -(-n // columns)
-    fig, axes = plt.subplots(
-        rows, columns, figsize=(PAGE_WIDTH, 0.8 + 1.25 * rows), sharex=True, sharey=True,
-        squeeze=False,
-    )  # fmt: skip
-    for ax, (person, title) in zip(axes.flat, titles.items(), strict=False):
-        group_curves(runs[runs["subject"].isin(["", person])], ax, paper.CONDITIONS)
-        ax.set_title(title, fontsize=7.5)
-    mean = axes.flat[n - 1]
-    group_curves(runs, mean, paper.CONDITIONS)
-    mean.set_title("mean over people", fontsize=7.5, fontweight="bold")
+    page = style.PAGE_WIDTH, 0.8 + 1.25 * rows
+    fig, axes = plt.subplots(rows, columns, figsize=page, sharex=True, sharey=True, squeeze=False)
+    for ax, (title, chosen) in zip(axes.flat, panels.items(), strict=False):
+        group_curves(chosen, ax, paper.CONDITIONS)
+        ax.set_title(title, fontsize=7.5, fontweight="bold" if chosen is runs else None)
     for i, ax in enumerate(axes.flat):
-        mark_phases(ax, runs["step"].max())
-        ax.set(xlabel="Steps (thousands)" if ax in axes[-1] else "", visible=i < n)
+        name_axes(ax, runs, "return")
+        ax.set(xlabel=STEPS if ax in axes[-1] else "", ylabel="", visible=i < n)
         ax.tick_params(labelbottom=i >= n - columns)
     fig.supylabel(AXIS_LABELS["return"], fontsize=8)
-    handles, labels = mean.get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside upper center", ncols=3)
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 
 
@@ -96,17 +144,14 @@ def figure_6(runs: pd.DataFrame, metric: str = "return") -> Figure:
 
     Any number of weights; darker is heavier.
     """
-    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.9))
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.9))
     group_curves(runs, ax, ("sparse", "dense"), metric)
-    weights = dict(list(runs[runs["group"] == "rlihf"].groupby("w_hf")))
-    looks = zip(weights.items(), shades(len(weights)), strict=True)
-    for i, ((weight, chosen), shade) in enumerate(looks):
-        learning_curve(
-            chosen, ax, metric, color=shade, marker=MARKERS[i % len(MARKERS)], markersize=3,
-            label=f"RLIHF, $w_{{hf}}$ = {weight:g}",
-        )  # fmt: skip
-    mark_phases(ax, runs["step"].max())
-    ax.set(ylabel=AXIS_LABELS[metric], ylim=SHARE if metric == "success" else None)
+    weights = list(runs[runs["group"] == "rlihf"].groupby("w_hf"))
+    looks = zip(weights, style.shades(len(weights)), cycle("os^Dv"), strict=False)
+    for (weight, chosen), shade, marker in looks:
+        name = f"RLIHF, $w_{{hf}}$ = {weight:g}"
+        learning_curve(chosen, ax, metric, color=shade, marker=marker, markersize=3, label=name)
+    name_axes(ax, runs, metric)
     fig.legend(loc="outside upper center", ncols=2)
     return fig
 
@@ -116,19 +161,17 @@ def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str) 
 
     `training` is from `evaluations.load_training`, as `runs` of this condition.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.0))
+    fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.0))
     windows = training.dropna(subset="return").assign(thousands=lambda t: t["step"] / 1000)
     sns.lineplot(
         windows, x="thousands", y="return", units="run", estimator=None, ax=axes[0],
-        color=color(condition), alpha=0.5, lw=0.8,
+        color=style.color(condition), alpha=0.5, lw=0.8,
     )  # fmt: skip
-    axes[0].set_ylabel(f"Training return ({label(condition)})")
+    name_axes(axes[0], runs, "return")
+    axes[0].set_ylabel(f"Training return ({style.label(condition)})")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):
         group_curves(runs, ax, [condition], metric)
-        ax.set_ylabel(AXIS_LABELS[metric])
-    axes[2].set_ylim(SHARE)
-    for ax in axes:
-        mark_phases(ax, runs["step"].max())
+        name_axes(ax, runs, metric)
     return fig
 
 
@@ -138,36 +181,129 @@ def learner_figure(training: pd.DataFrame, condition: str) -> Figure:
     Critic loss, entropy coefficient, mean Q and, where somebody watched, the share of steps that
     looked wrong to the observer; from `evaluations.load_training`.
     """
-    panels = {
-        "critic_loss": "Critic loss",
-        "ent_coef": r"Entropy coefficient $\alpha$",
-        "mean_q": "Mean Q",
-        "judged_wrong": "Share judged wrong",
-    }
-    if condition != "rlihf":
-        del panels["judged_wrong"]
-    fig, axes = plt.subplots(1, len(panels), figsize=(PAGE_WIDTH, 1.9))
-    marker = "." if len(training) < FEW_WINDOWS else None
-    for ax, (column, words) in zip(axes, panels.items(), strict=True):
-        values = training[column]
-        ax.plot(training["step"] / 1000, values, color=color(condition), lw=0.9, marker=marker)
-        mark_phases(ax, training["step"].max())
-        ax.set(xlabel="Steps (thousands)", ylabel=words)
-        if column == "judged_wrong":
-            ax.set_ylim(SHARE)
-        elif column != "mean_q" and values.notna().any():  # nothing is learnt in the first steps
-            ax.set_yscale("log")
+    columns = ["critic_loss", "ent_coef", "mean_q", *["judged_wrong"] * (condition == "rlihf")]
+    fig, axes = plt.subplots(1, len(columns), figsize=(style.PAGE_WIDTH, 1.9))
+    thousands, shade = training["step"] / 1000, style.color(condition)
+    marker = "." if len(training) < 10 else None  # a single window makes no line
+    for ax, column in zip(axes, columns, strict=True):
+        ax.plot(thousands, training[column], color=shade, lw=0.9, marker=marker)
+        name_axes(ax, training, column)
+        ax.set_xlabel(STEPS)
+        if column in ("critic_loss", "ent_coef") and training[column].notna().any():
+            ax.set_yscale("log")  # not where nothing is learnt, as in the first steps
     return fig
 
 
 def success_figure(runs: pd.DataFrame) -> Figure:
     """Success rate, path efficiency and deviation of the paper's conditions while they train."""
-    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.1))
+    fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.1))
     for ax, metric in zip(axes, paper.METRICS, strict=True):
         group_curves(runs, ax, paper.CONDITIONS, metric)
-        mark_phases(ax, runs["step"].max())
-        ax.set_ylabel(AXIS_LABELS[metric])
         ax.set_ylim(bottom=0)
-    axes[0].set_ylim(SHARE)
+        name_axes(ax, runs, metric)
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return fig
+
+
+def safety_figure(runs: pd.DataFrame) -> Figure:
+    """Collisions and minimum clearance in the late phase."""
+    late = late_scores(runs).assign(min_clearance=lambda table: 100 * table["min_clearance"])
+    fig, axes = plt.subplots(1, 2, figsize=(style.COLUMN_WIDTH, 2.1))
+    rng = np.random.default_rng(0)
+    for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
+        for x, group in enumerate(paper.CONDITIONS):
+            shade = style.color(group)
+            scores = late[late["group"] == group].set_index("subject")[metric].dropna()
+            ax.plot(x + rng.uniform(-0.12, 0.12, len(scores)), scores, color=shade, **RUNS)
+            means = unit_means(scores)
+            ax.vlines(x + 0.25, *st.mean_interval(means, RANGES[metric]), color=shade)
+            ax.plot(x + 0.25, means.mean(), "D", color=shade, ms=4)
+        ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
+        ax.set_xticks(range(3), [style.label(g).removeprefix("RL ") for g in paper.CONDITIONS])
+        ax.set_ylim(0, 1.1 * late[metric].max() or 1)
+    return fig
+
+
+def trade_off_figure(runs: pd.DataFrame) -> Figure:
+    """Time taken against clearance kept, over the late rollouts that place the can (cf. Fig. 1).
+
+    Of dense reward and of RLIHF at any weights; `runs` has the column steps.
+    """
+    late = runs.query("phase == 'Late' and success == 1")
+    late = late.assign(seconds=CONTROL_STEP * late["steps"], cm=100 * late["min_clearance"])
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.6))
+    placed = late.groupby(["group", "w_hf", "subject", "run"])[["seconds", "cm"]].mean()
+    rlihf = list(placed.query("group == 'rlihf'").groupby("w_hf"))
+    curves = [(style.label("dense"), placed.query("group == 'dense'"), style.color("dense"))]
+    for (weight, scores), shade in zip(rlihf, style.shades(len(rlihf)), strict=True):
+        curves.append((f"RLIHF, $w_{{hf}}$ = {weight:g}", scores, shade))
+    for name, scores, shade in curves:
+        if len(scores):
+            means = unit_means(scores)
+            (x, y), intervals = means.mean(), st.mean_interval(means)
+            arms = np.abs(intervals - [[x, y]])
+            ax.plot(*scores.to_numpy().T, color=shade, **RUNS)
+            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], fmt="D", ms=4, color=shade, label=name)
+    if not len(late):
+        ax.text(0.5, 0.5, "no run places the can", transform=ax.transAxes, ha="center")
+    ax.set(xlabel="Time to place the can (s)", ylabel=AXIS_LABELS["min_clearance"])
+    ax.set_ylim(bottom=0)
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return fig
+
+
+def comparison_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
+    """Performance profiles of late success, and how likely a run of RLIHF beats one of another.
+
+    A profile is the share of runs with a score above each threshold (Agarwal et al. 2021), of every
+    group in `runs`; `table` is from `tables.comparison_table`.
+    """
+    fig, (left, right) = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.4), width_ratios=[1.2, 1])
+    taus, late = np.linspace(0, 1, 101), late_scores(runs)
+    for group in style.ordered(late["group"]):
+        chosen = late[late["group"] == group]
+        above = chosen[["success"]].to_numpy() > taus
+        shares = unit_means(pd.DataFrame(above, chosen["subject"], dtype=float))
+        name = f"{style.label(group)} ({size(chosen)})"
+        left.step(taus, shares.mean(), where="post", label=name, **style.line_style(group))
+        low, high = st.mean_interval(shares, st.PROBABILITY)
+        left.fill_between(taus, low, high, step="post", color=style.color(group), alpha=0.18, lw=0)
+    left.set(xlabel=r"Late success rate $\tau$", ylabel=r"Share of runs above $\tau$")
+    left.set(xlim=(-0.02, 1.02), ylim=SHARE)
+    fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    rows = table[table["metric"] == "success"][::-1]
+    places, shade = range(len(rows)), style.color("rlihf")
+    right.hlines(places, rows["improvement_low"], rows["improvement_high"], color=shade)
+    right.plot(rows["improvement"], places, "D", ms=4, color=shade)
+    right.axvline(0.5, **style.REFERENCE)
+    right.set_yticks(places, rows["comparison"].str.replace(" - ", " > "))
+    right.set(xlim=SHARE, ylim=(-0.6, len(rows) - 0.4), xlabel="P(improvement) in late success")
+    return fig
+
+
+def decoder_policy_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
+    """Does a better decoder give a better policy? Late success against AUROC, a point a person.
+
+    `table` is from `tables.subject_table`. People are named whose policies stay behind dense reward
+    by more than `statistics.EQUIVALENCE_MARGIN`. The title holds Spearman's correlation.
+    """
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.5))
+    shade = style.color("rlihf")
+    late = late_scores(runs).query("group == 'rlihf'").merge(table[["subject", "auroc"]])
+    ax.plot(late["auroc"], late["success"], color=shade, **RUNS)
+    ax.vlines(table["auroc"], table["success_low"], table["success_high"], color=shade)
+    ax.plot(table["auroc"], table["success"], "D", color=shade, ms=4, label=style.label("rlihf"))
+    for row in table[table["success"] < table["dense"] - st.EQUIVALENCE_MARGIN].itertuples():
+        place = row.auroc, row.success
+        ax.annotate(row.subject, place, (4, 4), textcoords="offset points", fontsize=7)
+    ax.axhline(table["dense"].iloc[0], **style.line_style("dense"), label=style.label("dense"))
+    r = st.spearman(table["auroc"], table["success"])
+    spread = "no interval" if np.isnan(r["ci_low"]) else f"[{r['ci_low']:.2f}, {r['ci_high']:.2f}]"
+    ax.set_title(
+        rf"Spearman's $\rho$ = {r['rho']:.2f}, {spread}, n = {r['n']}"
+        f"\np = {r['p']:.2g} (smallest possible: {r['smallest_p']:.2g})"
+    )
+    ax.set(xlabel="AUROC of the held-out person", ylabel="Success rate, late phase")
+    ax.set(ylim=(-0.05, 1.05))
+    ax.legend(loc="best")
     return fig

@@ -3,7 +3,6 @@
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import mujoco
@@ -20,18 +19,13 @@ from rlihf_lib.task.rendering import film, render
 from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
 OBJECT_COLOURS = {
-    "goal": "#999999",
-    "can": "#C8102E",
-    "lemon": "#E6C700",
-    "cereal": "#8C564B",
-    "bottle": "#009E73",
-    "bread": "#D8A15D",
-}
+    "goal": "#999999", "can": "#C8102E", "lemon": "#E6C700", "cereal": "#8C564B",
+    "bottle": "#009E73", "bread": "#D8A15D",
+}  # fmt: skip
 # World axes drawn to the right and upwards; from above, x points away from the robot, downwards.
 FROM_ABOVE, FROM_FRONT = (1, 0), (1, 2)
 ZONE_GREYS = (("#F6F6F6", "#A8A8A8"), ("#E9E9E9", "#555555"))  # inside and outline, outer first
 FILM_STEPS = 80  # control steps of a film, 0.1 s each
-HALO = [withStroke(linewidth=1.5, foreground="white")]
 
 
 def task_figure(seed: int = 0) -> Figure:
@@ -66,11 +60,10 @@ def save_film(recording, study, name: str, notebook: str, sources) -> Path | Non
     """
     hashes = hash_sources(study, name, sources)
     path = study.figures / f"{name}.gif"
-    if path.is_file() and manifest(study).get(name, {}).get("sources") == hashes:
-        return path
-    if not film(path, recording.qpos[:FILM_STEPS], recording.seed):
-        return None
-    enter(study, name, notebook, hashes)
+    if not path.is_file() or manifest(study).get(name, {}).get("sources") != hashes:
+        if not film(path, recording.qpos[:FILM_STEPS], recording.seed):
+            return None
+        enter(study, name, notebook, hashes)
     return path
 
 
@@ -78,8 +71,7 @@ def silhouettes(workspace, name: str, view: tuple, margin: float = 0.0) -> Itera
     """Outlines of an object's collision shapes, or of the goal, as seen along a world axis.
 
     Of a fast `Workspace`, whose shapes are boxes, cylinders and ellipsoids. `view` are the two
-    world axes to draw; outlines lie `margin` metres outside the shapes. Yields corners, metres,
-    shape (360, 2).
+    world axes to draw; outlines, corners of shape (360, 2), lie `margin` metres outside the shapes.
     """
     model, data = workspace.sim.model._model, workspace.sim.data._data
     angle = np.radians(np.arange(360) + 0.5)
@@ -113,20 +105,18 @@ def top_view(env: PickPlaceEnv, ax: Axes) -> None:
     for name in OBJECT_COLOURS:
         *_, outline = silhouettes(env.workspace, name, FROM_ABOVE)
         (left, far), (right, near) = outline.min(axis=0), outline.max(axis=0)
+        place, offset, align = ((left + right) / 2, near), (0, -2), ("center", "top")
         if name in ("bottle", "cereal"):  # which stand one behind the other
             place, offset, align = (right, (far + near) / 2), (2, 0), ("left", "center")
-        else:
-            place, offset, align = ((left + right) / 2, near), (0, -2), ("center", "top")
         ax.annotate(
             name, place, offset, textcoords="offset points", ha=align[0], va=align[1], fontsize=7,
-            path_effects=HALO,
+            path_effects=[withStroke(linewidth=1.5, foreground="white")],
         )  # fmt: skip
     ax.plot(*env.path.reach[0, 1::-1], "k^", ms=5, label="hand at the start")
     ax.set(ylabel="x, away from the robot (m)", ylim=(0.27, -0.32))
 
 
 def _side_view(env, ax):
-    """Draw the scene as seen from the robot's front: across the table and up."""
     _draw_scene(env, ax, FROM_FRONT, alpha=0.5)
     for name in OBJECT_COLOURS:
         below = 0.035 if name in ("lemon", "bottle", "goal") else 0.015  # neighbours' names
@@ -137,7 +127,6 @@ def _side_view(env, ax):
 
 
 def _draw_scene(env, ax, view, alpha):
-    """Draw objects, goal and ideal path as seen along a world axis."""
     for name, colour in OBJECT_COLOURS.items():
         for outline in silhouettes(env.workspace, name, view):
             ax.add_patch(Polygon(outline, color=colour, alpha=alpha, lw=0, gid=name))
@@ -158,22 +147,22 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
     _draw_zones(env.workspace, top, sorted(zones, reverse=True))
     top.set_ylim(0.2, -0.32)
     for condition, runs in recordings.items():
-        style = {"color": COLORS[condition], "lw": 1, "alpha": 0.8}
+        shade = COLORS[condition]
         for run in runs:
-            end = {"color": COLORS[condition], "marker": "*" if run.success else "x", "ms": 6}
-            for ax, seen in ((top, run.hand[:, 1::-1]), (side, run.hand[:, 1:])):
-                ax.plot(*seen.T, **style)
-                ax.plot(*seen[-1], **end)
+            for ax, view in ((top, FROM_ABOVE), (side, FROM_FRONT)):
+                path = run.hand[:, view]
+                ax.plot(*path.T, color=shade, lw=1, alpha=0.8)
+                ax.plot(*path[-1], "*" if run.success else "x", color=shade, ms=6)
         placed = sum(run.success for run in runs)
         label = f"{LABELS[condition]}: {placed} of {len(runs)} runs place the can"
-        top.plot([], [], color=COLORS[condition], label=label)
+        top.plot([], [], color=shade, label=label)
     for metres, (_, grey) in zip(sorted(zones), reversed(ZONE_GREYS), strict=True):
         label = f"{100 * metres:.0f} cm from obstacles: {zones[metres]}"
         top.plot([], [], color=grey, lw=0.9, ls=":", label=label)
     figure.legend(
         *top.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=6,
-        title_fontsize=6,
         title="Hand of the policies at the end of training; star: can placed, cross: not",
+        title_fontsize=6,
     )  # fmt: skip
     return figure
 
@@ -184,7 +173,6 @@ def _draw_zones(workspace, ax, distances):
         zones = [z for o in OBSTACLES for z in silhouettes(workspace, o, FROM_ABOVE, metres)]
         # Insides over the outlines: zones that overlap have one outline.
         for number, width in enumerate((1.6, 0)):
-            look: dict[str, Any] = {"fc": inside, "ec": grey, "lw": width, "ls": ":"}
-            look |= {"zorder": 0.6 + 0.1 * order + 0.05 * number, "gid": f"{metres} m"}
             for zone in zones:
-                ax.add_patch(Polygon(zone, **look))
+                patch = Polygon(zone, fc=inside, ec=grey, lw=width, ls=":", gid=f"{metres} m")
+                ax.add_patch(patch).set_zorder(0.6 + 0.1 * order + 0.05 * number)

@@ -9,9 +9,6 @@ from matplotlib.figure import Figure
 
 from rlihf_lib.files import atomic_path, sha256, write_csv, write_text
 
-LETTERS_PER_INCH = 22  # of a note, 6 pt
-# Without a fixed date and software version, equal data would give unequal files.
-METADATA = {".pdf": {"CreationDate": None}, ".png": {"Software": None}}
 # Of captions; pandas escapes cells.
 LATEX = str.maketrans({"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "·": r"$\cdot$"})
 
@@ -24,30 +21,22 @@ def caption(study, says: str = "") -> str:
 def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: str = "") -> Path:
     """Write the caption under a figure, save it as PDF and PNG, enter it in `manifest.json`.
 
-    Parameters
-    ----------
-    study : Study
-        Gives the folder, `figures/<study>/`.
-    name, notebook
-        File name without suffix; the notebook that draws it, such as "02_loso_decoder".
-    sources : sequence of (Path or str)
-        Files, or ids of runs of the study (their `eval.csv`), whose data are in the figure.
-    says
-        How many of what, such as "3 people x 2 seeds"; see `caption`.
-
+    In `figures/<study>/`; `notebook`, such as "02_loso_decoder", draws it from `sources`: files, or
+    ids of runs (their `eval.csv`). `says`, such as "3 people x 2 seeds", is for the `caption`.
     Returns the PNG. A source that does not exist raises FileNotFoundError: a figure from nowhere is
     not saved.
     """
     hashes = hash_sources(study, name, sources)
-    lines = textwrap.fill(caption(study, says), int(LETTERS_PER_INCH * fig.get_figwidth()))
-    fig.supxlabel(lines, fontsize=6, color="#555555")
+    letters = int(22 * fig.get_figwidth())  # of 6 pt, 22 an inch
+    fig.supxlabel(textwrap.fill(caption(study, says), letters), fontsize=6, color="#555555")
     engine = fig.get_layout_engine()
     if engine:
         engine.execute(fig)
     fig.set_layout_engine("none")  # laid out once, not again for each file
-    for suffix, fields in METADATA.items():
+    # With a date or a software version, equal data would give unequal files.
+    for suffix, field in ((".pdf", "CreationDate"), (".png", "Software")):
         with atomic_path(study.figures / f"{name}{suffix}") as temporary:
-            fig.savefig(temporary, metadata=fields)
+            fig.savefig(temporary, metadata={field: None})
     fig.set_layout_engine(engine or "none")
     enter(study, name, notebook, hashes)
     return study.figures / f"{name}.png"
@@ -62,8 +51,8 @@ def manifest(study) -> dict:
 def enter(study, name: str, notebook: str, hashes: dict) -> None:
     """Enter a figure in the manifest."""
     entries = manifest(study) | {name: {"notebook": notebook, "sources": hashes}}
-    text = json.dumps(entries, indent=1, sort_keys=True)
-    write_text(study.figures / "manifest.json", text + "\n")
+    text = json.dumps(entries, indent=1, sort_keys=True) + "\n"
+    write_text(study.figures / "manifest.json", text)
 
 
 def hash_sources(study, name: str, sources) -> dict[str, str]:

@@ -33,8 +33,8 @@ LEVEL = 0.95
 RESAMPLES = 2000
 PERMUTATIONS = 9999  # all of them where there are no more than that
 #: Late success rates that differ by less count as equal: one can in ten. Fixed before the runs it
-#: is applied to existed. The paper calls .39 "comparable" to .54, .15 less, so a wider margin would
-#: let pass whatever it says; a narrower one asks for more than twelve people can show.
+#: is applied to existed. The paper calls .39 "comparable" to .54, so a wider margin would let pass
+#: whatever it says; a narrower one asks for more than twelve people can show.
 EQUIVALENCE_MARGIN = 0.10
 NO_BOUNDS = (-np.inf, np.inf)
 PROBABILITY = (0.0, 1.0)
@@ -54,39 +54,28 @@ def iqm(values: ArrayLike, axis: int = -1) -> np.ndarray:
 def interval(
     statistic: Callable, *sizes: int, bounds: tuple = NO_BOUNDS, corrected: bool = True
 ) -> np.ndarray:
-    """95 % bootstrap interval of whatever can be computed from numbered units.
+    """95 % bootstrap interval, shape (2, ...), of whatever can be computed from numbered units.
 
-    Parameters
-    ----------
-    statistic
-        Gets an array of unit numbers per sample, shape (..., n), its own or resampled ones, and
-        reduces the last axis.
-    *sizes
-        Units of each sample, which are resampled independently of each other.
-    bounds
-        Values the statistic can take.
-    corrected
-        Stretch the percentile interval for few units (module docstring). With two samples the
-        smaller one's correction is used: 94 to 99 % are covered.
+    `statistic` gets an array of unit numbers per sample, shape (..., n), its own or resampled ones,
+    and reduces the last axis; it can take values within `bounds`. Samples, of `sizes` units each,
+    are resampled independently. `corrected` stretches the percentile interval for few units (module
+    docstring); with two samples the smaller one's correction is used: 94 to 99 % are covered.
 
-    Returns
-    -------
-    ndarray, shape (2, ...)
-        Low and high; NaN where a sample has fewer than `MIN_UNITS`. The same data give the same
-        interval, equal data one of no width.
+    NaN where a sample has fewer than `MIN_UNITS`. The same data give the same interval, equal data
+    one of no width.
     """
     units, n = [np.arange(size) for size in sizes], min(sizes)
     estimate = np.asarray(statistic(*units), float)
     if n < MIN_UNITS:
         return np.full((2, *estimate.shape), np.nan)
-    resampled = stats.bootstrap(
+    arms = stats.bootstrap(
         units, lambda *picks, axis: statistic(*picks), vectorized=True, method="percentile",
         confidence_level=LEVEL, n_resamples=RESAMPLES, rng=0,
-    ).confidence_interval  # fmt: skip
-    tail = (1 + LEVEL) / 2
-    stretch = np.sqrt(n / (n - 1)) * stats.t.ppf(tail, n - 1) / stats.norm.ppf(tail)
-    arms = np.array(resampled) - estimate
-    return np.clip(estimate + arms * (stretch if corrected else 1.0), *bounds)
+    ).confidence_interval - estimate  # fmt: skip
+    if corrected:
+        tail = (1 + LEVEL) / 2
+        arms *= np.sqrt(n / (n - 1)) * stats.t.ppf(tail, n - 1) / stats.norm.ppf(tail)
+    return np.clip(estimate + arms, *bounds)
 
 
 def mean_interval(means: ArrayLike, bounds: tuple = NO_BOUNDS) -> np.ndarray:
@@ -131,10 +120,9 @@ def improvement(first: np.ndarray, second: np.ndarray, paired: bool) -> dict[str
         low, high = mean_interval(beats, PROBABILITY)
     else:
         low, high = interval(
-            lambda i, j: beats[i[..., :, None], j[..., None, :]].mean(axis=(-2, -1)),
-            *beats.shape,
+            lambda i, j: beats[i[..., :, None], j[..., None, :]].mean(axis=(-2, -1)), *beats.shape,
             bounds=PROBABILITY,
-        )
+        )  # fmt: skip
     return {"improvement": beats.mean(), "improvement_low": low, "improvement_high": high}
 
 
@@ -164,27 +152,21 @@ def permutation_test(
     scale = np.abs([*x, *y]).max() or 1.0
     groups = (x - y,) if paired else (x - x[0], y - x[0])
     samples = [np.round(group / scale, DECIMALS) for group in groups]
-    kind, statistic = ("samples", np.mean) if paired else ("independent", _welch_t)
-    options = {"permutation_type": kind, "alternative": alternative, "vectorized": True}
+
+    def welch(*groups, axis=-1):
+        a, b = ((g.mean(axis), g.std(axis, ddof=1) + LEAST_SCATTER, g.shape[axis]) for g in groups)
+        return stats.ttest_ind_from_stats(*a, *b, equal_var=False, alternative=alternative)
+
     p = stats.permutation_test(
-        samples, statistic, n_resamples=PERMUTATIONS, rng=0, **options
-    ).pvalue
-    if not paired:
-        p = max(p, _welch(samples[0], samples[1], alternative).pvalue)
-    return float(p), smallest
+        samples, np.mean if paired else lambda *groups, axis: welch(*groups, axis=axis).statistic,
+        permutation_type="samples" if paired else "independent", vectorized=True,
+        alternative=alternative, n_resamples=PERMUTATIONS, rng=0,
+    ).pvalue  # fmt: skip
+    return float(p if paired else max(p, welch(*samples).pvalue)), smallest
 
 
 def _smallest(ways, sides):
     return min(1.0, sides / min(ways, PERMUTATIONS + 1))
-
-
-def _welch(x, y, alternative="two-sided", axis=-1):
-    groups = [(s.mean(axis), s.std(axis, ddof=1) + LEAST_SCATTER, s.shape[axis]) for s in (x, y)]
-    return stats.ttest_ind_from_stats(*groups[0], *groups[1], False, alternative)
-
-
-def _welch_t(x, y, axis):
-    return _welch(x, y, axis=axis).statistic
 
 
 def equivalence_test(
@@ -228,7 +210,5 @@ def spearman(x: ArrayLike, y: ArrayLike) -> dict[str, float]:
     if found:
         method = stats.PermutationMethod(n_resamples=PERMUTATIONS, rng=0)
         p = stats.pearsonr(stats.rankdata(x), stats.rankdata(y), method=method).pvalue
-    return {
-        "rho": found, "ci_low": low, "ci_high": high,
-        "p": p, "smallest_p": _smallest(factorial(n), 2), "n": n,
-    }  # fmt: skip
+    smallest = _smallest(factorial(n), 2)
+    return {"rho": found, "ci_low": low, "ci_high": high, "p": p, "smallest_p": smallest, "n": n}

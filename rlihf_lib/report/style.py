@@ -7,34 +7,23 @@ import matplotlib as mpl
 import numpy as np
 import seaborn as sns
 
+#: Every name under which runs are compared (`evaluations.group_of`): as people read it, its colour.
 # Okabe & Ito (2008), "Color Universal Design": told apart with every common colour blindness.
-COLORS = {
-    "sparse": "#7F7F7F",
-    "dense": "#0072B2",
-    "rlihf": "#D55E00",
-    "correct": "#0072B2",
-    "error": "#D55E00",
-    "pretrain": "#F0E442",  # the paper's Fig. 5: yellow and orange bars
-    "online": "#E69F00",
-    "rlihf-ideal": "#000000",
-    "rlihf-mean": "#CC79A7",
-    "rlihf-shuffled": "#E69F00",
-    "rlihf-lay": "#882255",
-    "sparse-patience1000-discount0.98": "#009E73",
-    "sparse-patience1000-discount0.99": "#56B4E9",
+GROUPS = {
+    "sparse": ("RL sparse", "#7F7F7F"),
+    "dense": ("RL dense", "#0072B2"),
+    "rlihf": ("RLIHF", "#D55E00"),
+    "sparse-patience1000-discount0.98": ("RL sparse, tuned (0.98)", "#009E73"),
+    "sparse-patience1000-discount0.99": ("RL sparse, tuned (0.99)", "#56B4E9"),
+    "rlihf-ideal": ("RLIHF, ideal p", "#000000"),
+    "rlihf-mean": ("RLIHF, constant p", "#CC79A7"),
+    "rlihf-shuffled": ("RLIHF, shuffled p", "#E69F00"),
+    "rlihf-lay": ("RLIHF, lay observer", "#882255"),
 }
-#: Every name under which runs are compared (`evaluations.group_of`), as people read it.
-LABELS = {
-    "sparse": "RL sparse",
-    "dense": "RL dense",
-    "rlihf": "RLIHF",
-    "sparse-patience1000-discount0.98": "RL sparse, tuned (0.98)",
-    "sparse-patience1000-discount0.99": "RL sparse, tuned (0.99)",
-    "rlihf-ideal": "RLIHF, ideal p",
-    "rlihf-mean": "RLIHF, constant p",
-    "rlihf-shuffled": "RLIHF, shuffled p",
-    "rlihf-lay": "RLIHF, lay observer",
-}
+LABELS = {group: words for group, (words, _) in GROUPS.items()}
+COLORS = {group: shade for group, (_, shade) in GROUPS.items()}
+COLORS |= {"correct": "#0072B2", "error": "#D55E00"}
+COLORS |= {"pretrain": "#F0E442", "online": "#E69F00"}  # the paper's Fig. 5: yellow, orange bars
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
 #: Of chance levels and other lines to compare with.
@@ -42,12 +31,9 @@ REFERENCE: dict[str, Any] = {"color": "#888888", "lw": 0.8, "ls": (0, (2, 2))}
 #: Of single people or runs behind their mean.
 BEHIND: dict[str, Any] = {"color": "#BBBBBB", "lw": 0.7}
 
-# Inches of a two-column conference page (ieeeconf, letter).
-COLUMN_WIDTH = 3.4
-PAGE_WIDTH = 7.0
+COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches of a two-column conference page (ieeeconf, letter)
 
-# On top of seaborn's "paper", whose letters of 9.6 pt are scaled to the 8 pt of captions.
-FONT_SCALE = 8 / 9.6
+# On top of seaborn's "paper".
 RC = {
     "figure.dpi": 120,
     "savefig.dpi": 200,
@@ -67,8 +53,9 @@ RC = {
 
 def use_style() -> None:
     """Set the defaults of seaborn and Matplotlib for a two-column paper."""
-    # The font that comes with Matplotlib, so that figures are the same on every machine.
-    sns.set_theme("paper", "ticks", font="DejaVu Sans", font_scale=FONT_SCALE, rc=RC)
+    # The font that comes with Matplotlib, so that figures are the same on every machine; seaborn's
+    # 9.6 pt become the 8 pt of captions.
+    sns.set_theme("paper", "ticks", font="DejaVu Sans", font_scale=8 / 9.6, rc=RC)
 
 
 def label(group: str) -> str:
@@ -88,8 +75,8 @@ def line_style(group: str) -> dict[str, Any]:
 
 def ordered(groups: Iterable[str]) -> list[str]:
     """Sort groups for tables and figures: as in `LABELS`, the paper's first, unknown ones last."""
-    known = list(LABELS)
-    return sorted(set(groups), key=lambda g: (known.index(g) if g in known else len(known), g))
+    groups = set(groups)
+    return [*filter(groups.__contains__, LABELS), *sorted(groups - LABELS.keys())]
 
 
 def shades(n: int) -> list:

@@ -20,8 +20,6 @@ TESTED = (
     "the smallest that could come out at this n; Holm: corrected for all tests of the table"
 )
 NO_INTERVAL = ", no interval"
-LOWER_IS_BETTER = ("path_deviation", "collisions")
-P_VALUES = ("p", "p_holm", "p_equivalent", "p_equivalent_holm")
 DIGITS = {"return": 0, "min_clearance": 3}  # of the others: 2
 
 
@@ -29,9 +27,9 @@ def summarise(runs: pd.DataFrame, by: list[str], metrics: Sequence[str] = METRIC
     """Summarise metrics for every group of runs, named by columns such as ["phase", "group"].
 
     A row per group and metric: mean and sd (n - 1) over evaluation points (the mean of a point's
-    rollouts, as the paper's spread suggests), ci_low and ci_high (95 % interval of the mean over
-    people and seeds), iqm over runs, iqm_low, iqm_high; n, in words; n_runs, n_points. Without an
-    interval (`statistics.MIN_UNITS`), its ends are empty.
+    rollouts, as the paper's spread suggests), ci_low and ci_high of the mean over people and seeds,
+    iqm over runs, iqm_low, iqm_high (95 %; empty below `statistics.MIN_UNITS`); n, in words;
+    n_runs, n_points.
     """
     metrics = list(metrics)
     runs = runs.assign(group=pd.Categorical(runs["group"], ordered(runs["group"])))
@@ -93,24 +91,19 @@ def show_summary(table: pd.DataFrame, by: list[str], columns: Iterable[str]) -> 
     """
     rows = []
     for keys, cells in table.groupby(by, sort=False, observed=True):
-        named = zip(by, keys, strict=True)
-        row = {name.replace("group", "method"): label(value) for name, value in named}
-        known = {cell.metric: cell for cell in cells.itertuples()}
-        for name in columns:
-            metric = name.removeprefix("iqm ").removesuffix(", paper")
-            cell = known[metric]
-            if name.endswith(", paper"):
-                text = _text(metric, cell.paper_mean, cell.paper_sd)
-            elif name.startswith("iqm "):
-                text = _text(metric, cell.iqm, low=cell.iqm_low, high=cell.iqm_high)
-            else:
-                text = _text(metric, cell.mean, cell.sd, cell.ci_low, cell.ci_high) or "not run"
-            row[name.replace("_", " ")] = text
-        rows.append({**row, "n": cells["n"].iloc[0]})
-    return pd.DataFrame(rows)
+        texts = {}
+        for c in cells.itertuples():
+            texts[c.metric] = _text(c.metric, c.mean, c.ci_low, c.ci_high, c.sd) or "not run"
+            texts[f"iqm {c.metric}"] = _text(c.metric, c.iqm, c.iqm_low, c.iqm_high)
+            if "paper_mean" in cells:
+                texts[f"{c.metric}, paper"] = _text(c.metric, c.paper_mean, sd=c.paper_sd)
+        named = dict(zip(by, map(label, keys), strict=True))
+        shown = {name.replace("_", " "): texts[name] for name in columns}
+        rows.append({**named, **shown, "n": cells["n"].iloc[0]})
+    return pd.DataFrame(rows).rename(columns={"group": "method"})
 
 
-def _text(metric, value, sd=np.nan, low=np.nan, high=np.nan):
+def _text(metric, value, low=np.nan, high=np.nan, sd=np.nan):
     """Format "0.54 ± 0.45 [0.31, 0.74]", or what there is of it; no minus before zero."""
     numbers = (f"{x:z.{DIGITS.get(metric, 2)}f}" for x in (value, sd, low, high))
     parts = zip(("{}", " ± {}", " [{}", ", {}]"), numbers, strict=True)
@@ -133,7 +126,7 @@ def compare(
     paired = len(shared) > 1
     x, y = units(first, metric), units(second, metric)
     low, high = RANGES[metric]
-    better = -1 if metric in LOWER_IS_BETTER else 1
+    better = -1 if metric in ("path_deviation", "collisions") else 1
     found = st.difference(x, y, paired, (low - high, high - low))
     n = f"{len(x)} people, paired" if paired else f"{size(first)} and {size(second)}"
     n += "" if np.isfinite(found["ci_low"]) else NO_INTERVAL
@@ -184,18 +177,13 @@ def _family(rows, tests=("p",)):
 
 def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
     """Lay comparisons out as strings: each p with the smallest that could come out in brackets."""
-    shown = pd.DataFrame(
-        {
-            "metric": row.metric.replace("_", " "),
-            "comparison": row.comparison,
-            "difference": _text(row.metric, row.difference, low=row.ci_low, high=row.ci_high),
-            "P(better)": _text(
-                "", row.improvement, low=row.improvement_low, high=row.improvement_high
-            ),
-        }
-        for row in table.itertuples()
-    )
-    for name in P_VALUES:
+    shown = table[["metric", "comparison"]].replace({"metric": {"_": " "}}, regex=True)
+    rows = list(table.itertuples())
+    shown["difference"] = [_text(r.metric, r.difference, r.ci_low, r.ci_high) for r in rows]
+    shown["P(better)"] = [
+        _text("", r.improvement, r.improvement_low, r.improvement_high) for r in rows
+    ]
+    for name in ("p", "p_holm", "p_equivalent", "p_equivalent_holm"):
         if name in table:
             words = name.replace("_", ", ").replace("holm", "Holm")
             pairs = zip(table[name], table[f"smallest_{name}"], strict=True)
@@ -207,9 +195,8 @@ def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Decoder and policy side by side, and each person's policy against dense reward (late phase).
 
     From the runs of the main comparison and `decoder/scores.csv`, by AUROC. Columns subject, auroc,
-    balanced_accuracy, accuracy_online, then of late success: success, success_low, success_high,
-    dense; comparison and what `compare` says of it; p_holm and p_equivalent_holm with the smallest
-    possible; return.
+    balanced_accuracy, accuracy_online; of late success success, success_low, success_high, dense,
+    what `compare` says and Holm's p of both its tests; return.
     """
     late = late_scores(runs)
     dense = late.query("group == 'dense'")

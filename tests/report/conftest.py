@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report.evaluations import add_phase, group_of, person_of
+from rlihf_lib.report.evaluations import add_phase, group_of
 from rlihf_lib.report.style import use_style
+from rlihf_lib.rl.feedback import person_and_control
 from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.study import Study
 
@@ -75,7 +76,7 @@ def evaluations(configs, people=PEOPLE):
     """Runs that reach a late success of their own: people's are the better the later their name."""
     rng, frames = np.random.default_rng(0), []
     for config in configs:
-        person = person_of(config.subject)
+        person = person_and_control(config.subject)[0]
         skill = people.index(person) / (len(people) - 1) if person in people else 1.0
         level = {"sparse": 0.02, "dense": 0.9, "rlihf": 0.2 + 0.6 * skill + 0.1 * config.w_hf}
         late = min(level[config.condition] * (0.02 if "-" in config.subject else 1), 0.95)

@@ -13,11 +13,11 @@ from rlihf_lib.report.evaluations import (
     late_scores,
     load_runs,
     load_training,
-    person_of,
     size,
     units,
 )
 from rlihf_lib.report.style import label
+from rlihf_lib.rl.feedback import person_and_control
 from rlihf_lib.rl.runs import RunConfig, SACSettings
 
 
@@ -52,7 +52,7 @@ def test_a_run_is_compared_as_what_its_config_says(condition, subject, other, gr
 
 def test_whose_feedback_a_run_drew_on():
     subjects = ("s02", "s02-mean", "s02-shuffled", "ideal", "", "sub-01")
-    assert [person_of(s) for s in subjects] == ["s02", "s02", "s02", "", "", "sub-01"]
+    assert [person_and_control(s)[0] for s in subjects] == ["s02", "s02", "s02", "", "", "sub-01"]
 
 
 def test_units_are_people_or_else_seeds(runs):

@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import figures_late, figures_task
+from rlihf_lib.report import figures_policy, figures_task
 from rlihf_lib.report.evaluations import load_runs
 from rlihf_lib.report.saving import save_figure, save_table
 from rlihf_lib.rl.evaluation import Recording
 
 
 def test_saved_figures_say_what_they_were_drawn_from(study):
-    fig = figures_late.safety_figure(load_runs(study))
+    fig = figures_policy.safety_figure(load_runs(study))
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"], "hand-made")
     before = (study.figures / "safety.pdf").read_bytes()
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"], "hand-made")
