@@ -17,9 +17,8 @@ def flatten(module: nn.Module) -> nn.Parameter:
     flat = nn.Parameter(nn.utils.parameters_to_vector(parameters).detach())
     gradients = flat.grad = torch.zeros_like(flat)
     sizes = [parameter.numel() for parameter in parameters]
-    for parameter, values, gradient in zip(
-        parameters, flat.detach().split(sizes), gradients.split(sizes), strict=True
-    ):
+    parts = zip(parameters, flat.detach().split(sizes), gradients.split(sizes), strict=True)
+    for parameter, values, gradient in parts:
         parameter.data = values.view_as(parameter)
         parameter.grad = gradient.view_as(parameter)
     return flat
@@ -38,38 +37,22 @@ def _adam(values, gradient, mean, square, constants):
 
 
 class FlatAdam(torch.optim.Adam):
-    """PyTorch's Adam for one vector, at a fraction of the overhead.
-
-    Its state is PyTorch's, so that it is saved and loaded with the learner.
-    """
+    """PyTorch's Adam for one vector, at a fraction of the overhead; its state is PyTorch's."""
 
     def __init__(self, vector: torch.Tensor, learning_rate: float):
         super().__init__([vector], lr=learning_rate)
-        self.state[vector] = {
-            "step": torch.tensor(0.0),
-            "exp_avg": torch.zeros_like(vector),
-            "exp_avg_sq": torch.zeros_like(vector),
-        }
-        self._find_state()
-
-    def load_state_dict(self, state_dict) -> None:
-        """Go on from a state that `state_dict()` returned."""
-        super().load_state_dict(state_dict)
-        self._find_state()
-
-    def _find_state(self):
-        (self._vector,) = self.param_groups[0]["params"]
-        state = self.state[self._vector]
-        self._step = state["step"].numpy().reshape(1)
-        self._moments = state["exp_avg"].numpy(), state["exp_avg_sq"].numpy()
+        mean, square = torch.zeros_like(vector), torch.zeros_like(vector)
+        self.state[vector] = {"step": torch.tensor(0.0), "exp_avg": mean, "exp_avg_sq": square}
 
     def update(self) -> None:
         """Do what `step` does, without the hooks that PyTorch puts around it."""
         group = self.param_groups[0]
-        self._step += 1
-        step, (beta1, beta2) = float(self._step[0]), group["betas"]
+        (vector,), (beta1, beta2) = group["params"], group["betas"]
+        state = self.state[vector]
+        step = state["step"].add_(1).item()
         step_size, correction = group["lr"] / (1 - beta1**step), 1 / math.sqrt(1 - beta2**step)
         constants = tuple(map(np.float32, (beta1, beta2, step_size, correction, group["eps"])))
         # Not kept: SB3's `load` puts other memory behind the entropy coefficient.
-        values, gradient = self._vector.detach().numpy(), self._vector.grad.numpy()
-        _adam(values, gradient, *self._moments, constants)
+        values, gradient = vector.detach().numpy(), vector.grad.numpy()
+        moments = state["exp_avg"].numpy(), state["exp_avg_sq"].numpy()
+        _adam(values, gradient, *moments, constants)

@@ -14,8 +14,6 @@ from rlihf_lib.rl.sac.batch import Batch
 from rlihf_lib.rl.sac.networks import StackedPolicy
 from rlihf_lib.rl.sac.passes import ActorPass, CriticBuffers, CriticPass
 
-BUFFER_SIZE = 200_000  # transitions: all that a run makes
-
 
 class FastSAC(SAC):
     """Stable-Baselines3's SAC with `train` written out for a `StackedPolicy`.
@@ -44,15 +42,15 @@ class FastSAC(SAC):
         super()._setup_model()
         self._flat_critic, self._flat_target = flatten(self.critic), flatten(self.critic_target)
         self.log_ent_coef.grad = torch.zeros(1)
-        self.critic.optimizer, self.actor.optimizer, self.ent_coef_optimizer = (
-            FlatAdam(vector, self.lr_schedule(1))
-            for vector in (self._flat_critic, flatten(self.actor), self.log_ent_coef)
-        )
+        rate = self.lr_schedule(1)
+        self.critic.optimizer = FlatAdam(self._flat_critic, rate)
+        self.actor.optimizer = FlatAdam(flatten(self.actor), rate)
+        self.ent_coef_optimizer = FlatAdam(self.log_ent_coef, rate)
         self._batch = None
 
     def _excluded_save_params(self):
-        buffers = ["_flat_critic", "_flat_target", "_batch", "_passes"]
-        return [*super()._excluded_save_params(), *buffers]
+        ours = ["_flat_critic", "_flat_target", "_batch", "_passes"]
+        return [*super()._excluded_save_params(), *ours]
 
     @torch.no_grad()
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
@@ -96,14 +94,9 @@ class FastSAC(SAC):
             critic.weight_gradients()
         self.critic.optimizer.update()
         if self.num_timesteps % self.log_every == 0:
-            self.learning.append(
-                {
-                    "step": self.num_timesteps,
-                    "critic_loss": float(np.square(errors).mean(axis=1).sum() / 2),
-                    "ent_coef": alpha,
-                    "mean_q": float(np.mean(values)),
-                }
-            )
+            loss, mean_q = np.square(errors).mean(axis=1).sum() / 2, np.mean(values)
+            row = {"critic_loss": float(loss), "ent_coef": alpha, "mean_q": float(mean_q)}
+            self.learning.append({"step": self.num_timesteps, **row})
 
         # The derivative of every critic; the smallest one's counts.
         values, slopes = [], []
@@ -124,16 +117,11 @@ def make_sac(env, settings, seed: int, log_every: int = 1_000) -> FastSAC:
     names = asdict(settings)
     hidden, discount = names.pop("hidden"), names.pop("discount")
     model = FastSAC(
-        StackedPolicy,
-        env,
-        buffer_size=BUFFER_SIZE,
-        gamma=discount,
+        StackedPolicy, env, seed=seed, log_every=log_every, device="cpu", gamma=discount,
+        buffer_size=200_000,  # transitions: all that a run makes
         policy_kwargs={"net_arch": list(hidden)},
-        log_every=log_every,
-        seed=seed,
-        device="cpu",
         **names,  # the others are called as in SB3
-    )
+    )  # fmt: skip
     # Otherwise SB3 leaves a folder in /tmp behind for every run.
     model.set_logger(Logger(folder=None, output_formats=[]))
     return model
