@@ -77,11 +77,7 @@ class Polyline:
         return _nearest(point, self._starts, self._directions, self._lengths)
 
     def remaining(self, point: np.ndarray) -> tuple[float, float]:
-        """Price of going on to the end from `point`, (3,), metres, and where the path is joined.
-
-        The former is min over q of `detour` * |point - q| + length left at q, the latter the length
-        from the start to the best q.
-        """
+        """Metres: least `detour` * |point - q| + length left at q, and length up to the best q."""
         pieces = self._starts, self._directions, self._lengths, self._before
         return _join(point, *pieces, self.detour)
 
@@ -93,14 +89,7 @@ class Polyline:
 
 
 class IdealPath:
-    """The ideal path for one placement.
-
-    Parameters
-    ----------
-    hand : array-like, shape (3,)
-        Where the hand starts, metres.
-    can, goal : array-like, shape (3,)
-        Centre of the can before it is touched and when it is placed, metres.
+    """The ideal path of a hand, from where it starts, and of a can's centre to the goal, (3,) each.
 
     Attributes
     ----------
@@ -131,8 +120,7 @@ class IdealPath:
         carry = self._carry.remaining(state.can)[0]
         if state.held:
             # Fingers that touch the can without squeezing it let it slip when it is lifted.
-            hold = 0.5 * GRASP_WORTH * (1 - state.squeeze)
-            return float(carry + hold + RELEASE_WORTH)
+            return float(carry + 0.5 * GRASP_WORTH * (1 - state.squeeze) + RELEASE_WORTH)
         reach = self._remaining_reach(state.hand - state.can)
         # A hand closed too early has to open again: that is part of the way left.
         near = min(max((FAR - reach) / (FAR - NEAR), 0.0), 1.0)
@@ -166,10 +154,6 @@ def path_efficiency(ideal: float, executed: float, completed: float) -> float:
     The paper's ratio "between the length of the ideal trajectory and the agent's actual
     trajectory" would exceed 1 for a robot that gives up early; so the ideal length is weighted by
     the share of the path completed, as success-weighted path length (Anderson et al. 2018) does.
-
-    Returns
-    -------
-    float
-        In [0, 1]; 0 if the hand didn't move.
+    In [0, 1]; 0 if the hand didn't move.
     """
     return float(min(1.0, completed * ideal / executed)) if executed > 0 else 0.0
