@@ -51,11 +51,6 @@ class PickPlaceEnv(gym.Env):
     workspace : Workspace, optional
         To use instead of a new, fast one; with `Workspace(fast=False)` robosuite's own `step`
         drives the same task, several times slower.
-
-    Attributes
-    ----------
-    observation : ndarray, float32
-        Of the present state, as `reset` and `step` return it.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
@@ -82,8 +77,7 @@ class PickPlaceEnv(gym.Env):
         self.workspace.reset()
         self.controller.reset()
         self.steps = self.advanced = self.collisions = 0
-        self.travelled = self.squared_deviation = 0.0
-        self.min_clearance = CLEARANCE_RANGE
+        self.travelled, self.squared_deviation, self.min_clearance = 0.0, 0.0, CLEARANCE_RANGE
         self.colliding = self.grasped = self.lifted = self.lowered = False
         can = self.body("can")
         self.goal = np.array([*self.workspace.placement["goal"][:2], can[2]])
@@ -94,9 +88,8 @@ class PickPlaceEnv(gym.Env):
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one control step (Gymnasium API)."""
-        action = np.asarray(action, float).clip(-1, 1)
         before = self.controller.hand.copy()
-        self.controller.advance(action)
+        self.controller.advance(np.asarray(action, float).clip(-1, 1))
         self.steps += 1
         moment = self._judge()
         self._remember(moment, math.dist(self.controller.hand, before))
@@ -113,9 +106,12 @@ class PickPlaceEnv(gym.Env):
         """Tell what the step that has just been made was, as a `Moment`."""
         hand, can, tilt = self.controller.hand.copy(), self.body("can"), self._tilt()
         touch, held_before = self.contacts.touching(), self.grasped
-        self.grasped = touch.pinched or (held_before and self._is_aloft(hand, can))
+        # Contacts of a can that is carried flicker; only one that leaves the hand is dropped.
+        aloft = bool(can[2] > self.goal[2] + ALOFT and math.dist(hand, can) < IN_HAND)
+        self.grasped = touch.pinched or (held_before and aloft)
         delivered = self._is_delivered(can, tilt, touch.can)
         success = delivered and not touch.can and tilt < STANDING and self._can_rests()
+        off_table = np.abs(can[:2]).max() > REACHABLE or can[2] < TABLE_HEIGHT
         state = State(hand, can, self.grasped, self.squeeze(), delivered)
         remaining = 0.0 if success else self.path.remaining(state)
         return Moment(
@@ -127,15 +123,11 @@ class PickPlaceEnv(gym.Env):
             collided=touch.collided,
             grasped=self.grasped,
             success=success,
-            lost=self._is_lost(can, tilt),
+            lost=bool(off_table or (tilt > FALLEN and not self.grasped)),
             dropped=held_before and not self.grasped and not delivered,
             tilt=tilt,
             nearer=self.stages.nearer(state),
         )
-
-    def _is_aloft(self, hand, can):
-        """Contacts of a can that is carried flicker; only one that leaves the hand is dropped."""
-        return bool(can[2] > self.goal[2] + ALOFT and math.dist(hand, can) < IN_HAND)
 
     def _is_delivered(self, can, tilt, touched):
         """Whether the can stands on the goal, having been lifted and then set down there."""
@@ -145,11 +137,6 @@ class PickPlaceEnv(gym.Env):
             self.lowered = bool(at_goal and can[2] < self.goal[2] + LOWERED)
         down = abs(lift) < DOWN and tilt < LEANING
         return bool(self.lifted and self.lowered and at_goal and down)
-
-    def _is_lost(self, can, tilt):
-        """Whether the can has left the table or lies on its side."""
-        off_table = np.abs(can[:2]).max() > REACHABLE or can[2] < TABLE_HEIGHT
-        return bool(off_table or (tilt > FALLEN and not self.grasped))
 
     def _can_rests(self):
         velocity = self.data.qvel[self._can_dofs : self._can_dofs + 6]

@@ -54,8 +54,6 @@ class Moment:
 
 
 class State(NamedTuple):
-    """How far the task has got."""
-
     hand: np.ndarray  # position, metres, (3,)
     can: np.ndarray  # position of its centre, metres, (3,)
     held: bool  # whether the fingers hold the can
@@ -67,20 +65,16 @@ class Stages:
     """Remembers how near each stage has come to its end in an episode; `goal` is the can's."""
 
     def __init__(self, goal: np.ndarray):
-        self._goal = goal
-        self._least: dict[str, float] = {}
+        self._goal, self._least = goal, dict[str, float]()
 
     def nearer(self, state: State) -> float:
-        """Metres by which the present stage is nearer to its end than ever before, 0 for none.
-
-        `NEXT_STAGE` for a stage reached for the first time.
-        """
+        """Metres by which the present stage is nearer to its end than ever before."""
         stage, left = self._present(state)
         before = self._least.get(stage)
         self._least[stage] = left if before is None else min(before, left)
         if before is not None:
             return max(0.0, before - left)
-        farthest = all(STAGES.index(stage) >= STAGES.index(other) for other in self._least)
+        farthest = max(self._least, key=STAGES.index) == stage
         return NEXT_STAGE if farthest and len(self._least) > 1 else 0.0
 
     def _present(self, state):

@@ -43,8 +43,8 @@ def _towards(env, target, gripper):
 
 def hover(env) -> np.ndarray:
     """Wait above the can."""
-    target = env.body("can") + ABOVE
-    return np.append(np.clip((target - env.controller.goal_pos) / STEP_LENGTH, -1, 1), OPEN)
+    way = env.body("can") + ABOVE - env.controller.goal_pos
+    return np.append(np.clip(way / STEP_LENGTH, -1, 1), OPEN)
 
 
 def oscillate(env) -> np.ndarray:
