@@ -25,10 +25,6 @@ from rlihf_lib.task.gym_env import PickPlaceEnv
 
 LOG_EVERY = 1_000  # steps of training that a row of train.csv sums up
 EPISODE_METRICS = ("success", "completed", "collisions", "min_clearance", "steps")
-#: Of train.csv: means over the episodes that ended in the window, and the share of its steps that
-#: looked wrong to the observer; three numbers of the update at its end (`FastSAC.learning`).
-WINDOW_COLUMNS = ("step", "episodes", "return", *EPISODE_METRICS, "judged_wrong")
-LEARNING_COLUMNS = ("critic_loss", "ent_coef", "mean_q")
 
 
 class _Record(BaseCallback):
@@ -82,10 +78,16 @@ class _Record(BaseCallback):
         self.actor = {k: v.clone() for k, v in self.model.actor.state_dict().items()}
 
     def training_table(self):
-        """Training in windows of `LOG_EVERY` steps, with the update at the end of each."""
-        windows = pd.DataFrame(self.windows, columns=WINDOW_COLUMNS)
-        learning = pd.DataFrame(self.model.learning, columns=["step", *LEARNING_COLUMNS])
-        table = windows.merge(learning, on="step", how="left")
+        """Training in windows of `LOG_EVERY` steps, with the update at the end of each.
+
+        Means over the episodes that ended in it, the share of its steps that looked wrong to the
+        observer, and what the learner says (`FastSAC.learning`).
+        """
+        window = ["step", "episodes", "return", *EPISODE_METRICS, "judged_wrong"]
+        learning = pd.DataFrame(
+            self.model.learning, columns=["step", "critic_loss", "ent_coef", "mean_q"]
+        )
+        table = pd.DataFrame(self.windows, columns=window).merge(learning, on="step", how="left")
         # Single precision's digits say all there is.
         return table.astype(dict.fromkeys(table.columns[2:], np.float32))
 

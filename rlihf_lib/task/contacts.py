@@ -33,8 +33,7 @@ class Contacts:
         self._parts = np.array([_parts(name) for name in names])
         self._parts[can] |= CAN
         self._parts[self.obstacles] |= OBSTACLE
-        solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
-        self.hand = np.flatnonzero(solid & np.char.startswith(names, "gripper0"))
+        self.hand = np.flatnonzero(workspace.solid & np.char.startswith(names, "gripper0"))
         self.hand_and_can = np.append(self.hand, can)
         self._is_box = model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
         self._boxes = list(product(*(g[self._is_box[g]] for g in (self.hand, self.obstacles))))

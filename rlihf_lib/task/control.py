@@ -18,7 +18,6 @@ from robosuite.utils.transform_utils import mat2quat, quat2axisangle
 from rlihf_lib.task.mujoco_c import mj_comPos, mj_fullM, mj_jacSite, mj_kinematics, mj_step
 from rlihf_lib.task.workspace import CONTROL_FREQUENCY, Workspace
 
-HAND_SITE = "gripper0_right_grip_site"
 STIFFNESS = 150.0  # 1/s^2, robosuite's default kp
 NULLSPACE_STIFFNESS = 10.0  # 1/s^2
 STEP_LENGTH = 0.03  # metres of goal displacement at action 1: 0.3 m/s at 10 Hz
@@ -115,7 +114,7 @@ class Controller:
         self.workspace = workspace
         model = self.model = workspace.sim.model._model
         data = self.data = workspace.sim.data._data
-        self.site = model.site(HAND_SITE).id
+        self.site = model.site("gripper0_right_grip_site").id
         self.gripper = workspace.robots[0].gripper["right"]
         self.physics_steps = round(1 / CONTROL_FREQUENCY / model.opt.timestep)
         arm_range, finger_range = np.split(model.actuator_ctrlrange, [ARM_DOFS])

@@ -91,8 +91,9 @@ class PickPlaceEnv(gym.Env):
         before = self.controller.hand.copy()
         self.controller.advance(np.asarray(action, float).clip(-1, 1))
         self.steps += 1
+        self.travelled += math.dist(self.controller.hand, before)
         moment = self._judge()
-        self._remember(moment, math.dist(self.controller.hand, before))
+        self._remember(moment)
         terminated = moment.success or moment.lost
         stuck = self.steps - self.advanced >= self.patience
         truncated = not terminated and (stuck or self.steps >= self.horizon)
@@ -104,7 +105,8 @@ class PickPlaceEnv(gym.Env):
 
     def _judge(self):
         """Tell what the step that has just been made was, as a `Moment`."""
-        hand, can, tilt = self.controller.hand.copy(), self.body("can"), self._tilt()
+        hand, can = self.controller.hand.copy(), self.body("can")
+        tilt = math.acos(min(max(self.data.xmat[self._can_body][8], -1.0), 1.0))
         touch, held_before = self.contacts.touching(), self.grasped
         # Contacts of a can that is carried flicker; only one that leaves the hand is dropped.
         aloft = bool(can[2] > self.goal[2] + ALOFT and math.dist(hand, can) < IN_HAND)
@@ -143,16 +145,10 @@ class PickPlaceEnv(gym.Env):
         speed, spin = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
         return bool(speed < AT_REST[0] and spin < AT_REST[1])
 
-    def _tilt(self):
-        """Angle between the can's axis and the vertical, rad."""
-        return math.acos(min(max(self.data.xmat[self._can_body][8], -1.0), 1.0))
-
-    def _remember(self, moment, moved):
-        """Add a step, in which the hand moved so many metres, to the episode's totals."""
+    def _remember(self, moment):
         self.remaining = moment.remaining
         if moment.remaining < self.best:
             self.best, self.advanced = moment.remaining, self.steps
-        self.travelled += moved
         self.squared_deviation += moment.deviation**2
         self.collisions += moment.collided and not self.colliding
         self.colliding = moment.collided

@@ -105,8 +105,7 @@ class IdealPath:
         hand, can, goal = (np.asarray(p, float) for p in (hand, can, goal))
         up, height = np.array([0, 0, 1.0]), can[2] + LIFT
         self.reach = np.array([hand, can + HOVER * up, can])
-        via = [np.array([*xy, height]) for xy in VIA]
-        self.carry = np.array([can, can + LIFT * up, *via, [*goal[:2], height], goal])
+        self.carry = np.array([can, *([*xy, height] for xy in (can[:2], *VIA, goal[:2])), goal])
         self._descent = Polyline([HOVER * up, 0 * up], REACH_DETOUR)
         self._reach, self._carry = Polyline(self.reach), Polyline(self.carry)
         self.carry_length = self._carry.length
@@ -121,23 +120,17 @@ class IdealPath:
         if state.held:
             # Fingers that touch the can without squeezing it let it slip when it is lifted.
             return float(carry + 0.5 * GRASP_WORTH * (1 - state.squeeze) + RELEASE_WORTH)
-        reach = self._remaining_reach(state.hand - state.can)
+        # Straight to the hovering point and down; low beside the can, where that would sweep it
+        # aside, height lost costs `REACH_DETOUR`.
+        offset = state.hand - state.can
+        too_low = max(0.0, HOVER / 2 - offset[2])
+        straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + REACH_DETOUR * too_low
+        reach = float(min(self._descent.remaining(offset)[0], straight))
         # A hand closed too early has to open again: that is part of the way left.
         near = min(max((FAR - reach) / (FAR - NEAR), 0.0), 1.0)
         closing = GRASP_WORTH * (1 + 0.5 * state.squeeze * (1 - 2 * near))
         # Pushing the can away makes the way longer, pushing it along doesn't make it shorter.
         return float(reach + closing + max(self.carry_length, carry) + RELEASE_WORTH)
-
-    def _remaining_reach(self, offset):
-        """Length left to the can from a hand that is `offset`, (3,), away from it, metres.
-
-        Straight to the hovering point and down; low beside the can, where that would sweep it
-        aside, height lost costs `REACH_DETOUR`.
-        """
-        beside, _ = self._descent.remaining(offset)
-        too_low = max(0.0, HOVER / 2 - offset[2])
-        straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + REACH_DETOUR * too_low
-        return float(min(beside, straight))
 
     def deviation(self, hand: np.ndarray) -> float:
         """Distance from `hand`, (3,), to the nearest point of the ideal path, metres."""

@@ -88,10 +88,8 @@ class JacoApertureGripper(JacoThreeFingerGripperBase):
     +-0.01 a step, so that random actions never close the hand.
     """
 
-    @property
-    def init_qpos(self) -> np.ndarray:
-        """Finger joints at the start, rad: open."""
-        return np.tile([OPEN_ANGLE, OPEN_ANGLE / 2], 3)
+    init_qpos = np.tile([OPEN_ANGLE, OPEN_ANGLE / 2], 3)  # finger joints at the start, rad: open
+    dof = 1  # commands, for three fingers
 
     def format_action(self, action: np.ndarray) -> np.ndarray:
         """Turn one command in [-1, 1] into the three finger actuators' commands."""
@@ -104,11 +102,6 @@ class JacoApertureGripper(JacoThreeFingerGripperBase):
     def open(self) -> None:
         """Command the hand open at once, as at the start of an episode."""
         self.angle = OPEN_ANGLE
-
-    @property
-    def dof(self) -> int:
-        """One command for three fingers."""
-        return 1
 
 
 class Workspace(ManipulationEnv):
@@ -160,9 +153,9 @@ class Workspace(ManipulationEnv):
         model = self.sim.model._model
         self.body_ids = {o.name: model.body(o.root_body).id for o in [*self.objects, self.goal]}
         self.qpos_address = {o.name: model.joint(o.joints[0]).qposadr[0] for o in self.objects}
-        solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
+        self.solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
         self.geom_ids = {
-            name: np.flatnonzero(solid & (model.geom_bodyid == body))
+            name: np.flatnonzero(self.solid & (model.geom_bodyid == body))
             for name, body in self.body_ids.items()
         }
 
@@ -238,26 +231,21 @@ def made_fast(xml: str) -> str:
         proximal, distal = (joint.get("joint") for joint in tendon)
         ET.SubElement(equality, "joint", joint1=distal, joint2=proximal)
     for geom in root.iter("geom"):
-        _simplify(geom, geom.get("name", ""))
+        name = geom.get("name", "")
+        if name == "table_collision":
+            geom.attrib |= {"type": "plane", "pos": f"0 0 {geom.get('size').split()[2]}"}
+        if name.endswith("pad_collision"):
+            # 1 mm plates on the fingertips, which touch what they touch: 3 of 9 contacts.
+            geom.attrib |= {"contype": "0", "conaffinity": "0"}
+        if name.endswith(GRASPING) or name.startswith(tuple(OBJECTS)):
+            geom.attrib |= FIRM
+        if name.endswith(GRASPING) or name.startswith("lemon"):
+            geom.attrib |= ROLLING
+        visual = geom.get("contype") == geom.get("conaffinity") == "0"
+        for prefix, primitive in PRIMITIVES.items():
+            if geom.get("mesh") is not None and not visual and name.startswith(prefix):
+                geom.set("type", primitive)
     return ET.tostring(root, encoding="unicode")
-
-
-def _simplify(geom, name):
-    """Give a geom its primitive, and contacts that hold what is grasped."""
-    if name == "table_collision":
-        geom.set("type", "plane")
-        geom.set("pos", f"0 0 {geom.get('size').split()[2]}")
-    if name.endswith("pad_collision"):
-        # 1 mm plates on the fingertips, which touch what they touch: 3 of 9 contacts.
-        geom.attrib |= {"contype": "0", "conaffinity": "0"}
-    if name.endswith(GRASPING) or name.startswith(tuple(OBJECTS)):
-        geom.attrib |= FIRM
-    if name.endswith(GRASPING) or name.startswith("lemon"):
-        geom.attrib |= ROLLING
-    visual = geom.get("contype") == "0" and geom.get("conaffinity") == "0"
-    for prefix, primitive in PRIMITIVES.items():
-        if geom.get("mesh") is not None and not visual and name.startswith(prefix):
-            geom.set("type", primitive)
 
 
 class _Task(ManipulationTask):
