@@ -36,13 +36,10 @@ def rollout(env: gym.Env, act: Act, seed: int) -> Iterator[tuple]:
 
 
 def evaluate(env: PickPlaceEnv, act: Act, seeds: Iterable[int]) -> list[dict[str, float]]:
-    """Run one episode per seed and judge it by the unified evaluation reward.
+    """Run one episode per seed and judge it: a row each of number, return and metrics.
 
-    Returns
-    -------
-    list of dict
-        Per episode: rollout, its number; return, summed over the horizon, where steps left after
-        success count `PLACED` each; and `PickPlaceEnv.metrics`.
+    The unified evaluation reward, summed over the horizon, where steps left after success count
+    `PLACED` each; and `PickPlaceEnv.metrics`.
     """
     rows = []
     for number, seed in enumerate(seeds):
@@ -74,19 +71,17 @@ class Recording:
 
 def record(env: PickPlaceEnv, act: Act, seed: int) -> Recording:
     """Run one episode and keep what a film or a drawing of its path needs."""
-    states = []
 
-    def look(env):
-        states.append((env.controller.hand.copy(), env.body("can"), env.data.qpos.copy()))
+    def look():
+        return env.controller.hand.copy(), env.body("can"), env.data.qpos.copy()
 
-    def look_and_act(env):
-        look(env)
-        return act(env)
-
-    *_, (*_, info) = rollout(env, look_and_act, seed)
-    look(env)
+    env.reset(seed=seed)
+    states = [look()]
+    for *_, info in rollout(env, act, seed):
+        states.append(look())
+        success = info["is_success"]
     hand, can, qpos = (np.array(part) for part in zip(*states, strict=True))
-    return Recording(hand, can, qpos, seed, info["is_success"])
+    return Recording(hand, can, qpos, seed, success)
 
 
 def policy_of(model: SAC) -> Act:
@@ -95,13 +90,7 @@ def policy_of(model: SAC) -> Act:
 
 
 def load_policy(folder: str | Path, env: PickPlaceEnv) -> Act:
-    """Return the deterministic policy of a finished run, by its folder.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the run is not there.
-    """
+    """Return the deterministic policy of a run's folder; a FileNotFoundError if not finished."""
     config, actor = Path(folder) / "config.json", Path(folder) / "actor.safetensors"
     for path in (config, actor):
         if not path.is_file():

@@ -7,7 +7,7 @@ a single epoch, and what varies is the placement.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from itertools import product
+from itertools import accumulate, product
 
 import numpy as np
 import pandas as pd
@@ -50,18 +50,14 @@ def expected_feedback(
 def discounted_returns(
     rewards: Iterable[float], terminated: bool, discount: float, horizon: int = HORIZON
 ) -> np.ndarray:
-    """Discounted return from every step on, (horizon,); what ends an episode goes on for ever.
+    """Discounted return from every step on, (horizon,); steps after the end have that of the end.
 
-    The last reward of a terminated episode is paid for all that follows. Steps after the end have
-    the return of the end.
+    The last reward of a terminated episode is paid for all that follows.
     """
     rewards = list(rewards)
     later = rewards.pop() if terminated else np.mean(rewards[-STEADY:]) / (1 - discount)
-    returns = [later]
-    for reward in reversed(rewards):
-        returns.append(reward + discount * returns[-1])
-    returns.reverse()
-    return np.array((returns + horizon * [later])[:horizon])
+    steps = accumulate(reversed(rewards), lambda g, r: r + discount * g, initial=later)
+    return np.array([*list(steps)[::-1], *horizon * [later]][:horizon])
 
 
 def expected_returns(

@@ -18,8 +18,6 @@ P(wrong) = 1 - progress x comfort; they differ in what progress is.
 """
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -58,23 +56,15 @@ def lay_observer(moment: Moment) -> float:
 
 
 #: By name, as `RunConfig.observer` names them.
-OBSERVERS: dict[Any, Callable[[Moment], float]] = {"path": path_observer, "lay": lay_observer}
+OBSERVERS = {"path": path_observer, "lay": lay_observer}
 
 
 class Observer:
     """A person whose held-out epochs answer what they see.
 
-    Parameters
-    ----------
-    p_error : DataFrame
-        Rows of one subject (`rlihf_lib.rl.feedback`), of both classes; else a ValueError.
-    rng : numpy.random.Generator
-        Draws what is perceived, and the epochs.
-    looks_wrong : callable
-        `moment -> P(wrong)`.
-    decode : callable, optional
-        `decode(epoch)` decodes the epoch of that number anew, as `rlihf_lib.live` does; by default
-        p(error) is looked up in the table.
+    `p_error` are rows of one subject (`rlihf_lib.rl.feedback`), of both classes, else a ValueError.
+    `rng` draws what is perceived, by P(wrong) = `looks_wrong(moment)`, and the epochs. p(error) is
+    looked up, or decoded anew, as in `rlihf_lib.live`, by `decode`, from the number of an epoch.
     """
 
     def __init__(self, p_error: pd.DataFrame, rng, looks_wrong=path_observer, decode=None):

@@ -8,9 +8,6 @@ finished task. As feedback is never negative, it would otherwise be a reason not
 keep away from a can that may fall over.
 """
 
-from collections.abc import Callable
-from typing import Any
-
 import gymnasium as gym
 import numpy as np
 
@@ -46,7 +43,7 @@ def alignment_reward(moment: Moment) -> float:
 
 
 #: What "dense" may add to the task reward, by name, as `RunConfig.reward` names it.
-REWARDS: dict[Any, Callable[[Moment], float]] = {"path": alignment_reward}
+REWARDS = {"path": alignment_reward}
 
 
 def errp_reward(p_error: np.ndarray) -> np.ndarray:

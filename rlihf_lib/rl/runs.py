@@ -193,10 +193,7 @@ def read_run(
 ) -> pd.DataFrame:
     """Read a table of a finished run, "eval.csv" or "train.csv", which must have these columns.
 
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        If the run is missing; if the table lacks a column or holds a number that is none.
+    A FileNotFoundError without the run; a ValueError without a column, return or success.
     """
     path = Path(runs_dir) / config.run_id / name
     if not is_done(config, runs_dir):

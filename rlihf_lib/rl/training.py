@@ -84,9 +84,8 @@ class _Record(BaseCallback):
         observer, and what the learner says (`FastSAC.learning`).
         """
         window = ["step", "episodes", "return", *EPISODE_METRICS, "judged_wrong"]
-        learning = pd.DataFrame(
-            self.model.learning, columns=["step", "critic_loss", "ent_coef", "mean_q"]
-        )
+        update = ["step", "critic_loss", "ent_coef", "mean_q"]
+        learning = pd.DataFrame(self.model.learning, columns=update)
         table = pd.DataFrame(self.windows, columns=window).merge(learning, on="step", how="left")
         # Single precision's digits say all there is.
         return table.astype(dict.fromkeys(table.columns[2:], np.float32))
@@ -97,19 +96,13 @@ def train_run(
 ) -> dict[str, bytes]:
     """Train and evaluate one policy; a pure function of its config and of `p_error`.
 
-    Parameters
-    ----------
-    p_error : DataFrame, optional
-        The p(error) table (`rlihf_lib.rl.feedback`); needed by condition "rlihf".
-    progress : callable
-        Called every 1,000 steps with how many are done and the last evaluation's success rate.
-    decode : callable, optional
-        Decodes the feedback anew instead of looking it up; see `Observer`.
+    Condition "rlihf" needs the p(error) table (`rlihf_lib.rl.feedback`). `progress` is called every
+    1,000 steps with how many are done and the last evaluation's success rate; `decode`: `Observer`.
 
     Returns
     -------
     dict of str to bytes
-        Of the run's folder (`runs.write_run`), by name.
+        Files of the run's folder, by name, for `runs.write_run`.
 
     Raises
     ------
@@ -121,14 +114,15 @@ def train_run(
     torch.set_num_threads(1)
     # One stream per use, so that a change in one leaves the others as they were.
     placement, watching, learning = np.random.SeedSequence(config.seed).generate_state(3)
-    observer = None
+    observer, looks_wrong, reward = None, config.observer, config.reward
     if config.subject:
         check_feedback([config], p_error)
         rows, rng = rows_of(p_error, config.subject), np.random.default_rng(watching)
-        observer = Observer(rows, rng, OBSERVERS.get(config.observer, config.observer), decode)
+        looks_wrong = looks_wrong if callable(looks_wrong) else OBSERVERS[looks_wrong]
+        observer = Observer(rows, rng, looks_wrong, decode)
     env = TrainingReward(
         PickPlaceEnv(config.horizon, config.patience), config.condition, config.sac.discount,
-        config.w_hf, observer, engineered=REWARDS.get(config.reward, config.reward),
+        config.w_hf, observer, reward if callable(reward) else REWARDS[reward],
     )  # fmt: skip
     env.reset(seed=int(placement % EVALUATION_SEEDS))
     model = make_sac(env, config.sac, int(learning), LOG_EVERY)

@@ -38,19 +38,12 @@ class PickPlaceEnv(gym.Env):
     Action: Box(-1, 1, (4,)): hand displacement along x, y, z (1 = 3 cm), aperture of the hand (-1
     open, 1 closed round a can; beyond +-2/3 fully). Observation: Box(43,), see `_observe`. Reward:
     1 in the step that places the can, else 0; training rewards are made of `info["moment"]`
-    (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost. `truncated`: the
-    horizon, or `patience`. `info["metrics"]` at the end of an episode: `metrics`.
+    (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost.
+    `info["metrics"]` at the end of an episode: `metrics`.
 
-    Parameters
-    ----------
-    horizon : int
-        Steps after which an episode is truncated (paper: 1000).
-    patience : int, optional
-        Steps without getting further than ever before in the episode after which it is truncated,
-        as somebody would stop and reset a robot that is stuck.
-    workspace : Workspace, optional
-        To use instead of a new, fast one; with `Workspace(fast=False)` robosuite's own `step`
-        drives the same task, several times slower.
+    An episode is truncated after `horizon` steps (paper: 1000), or `patience` steps without getting
+    further than ever before in it, as somebody would stop and reset a robot that is stuck. With
+    `Workspace(fast=False)` robosuite's own `step` drives the same task, several times slower.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
@@ -184,6 +177,7 @@ class PickPlaceEnv(gym.Env):
         hand, can = self.controller.hand, self.body("can")
         reach, carry = can - hand, self.goal - can
         obstacles = self.data.xpos[self._obstacle_bodies] - hand
+        # Progress lost since the best in memory.
         setback = min((self.remaining - self.best) / SHORT_SCALE, MOST_SETBACK)
         entries = (
             (hand - CENTRE) / LENGTH_SCALE,
@@ -195,8 +189,7 @@ class PickPlaceEnv(gym.Env):
             carry / LENGTH_SCALE,
             np.tanh(np.concatenate([reach, carry]) / CLOSE_RANGE),
             obstacles.ravel() / LENGTH_SCALE,
-            [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted)],
-            [setback],  # progress lost since the best in memory
+            [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted), setback],
         )
         return np.concatenate(entries).astype(np.float32)
 

@@ -65,8 +65,7 @@ class Polyline:
         self.detour = detour
         vertices = np.asarray(vertices, float)
         pieces = np.diff(vertices, axis=0)
-        self._lengths = np.linalg.norm(pieces, axis=1)
-        self._starts = vertices[:-1]
+        self._starts, self._lengths = vertices[:-1], np.linalg.norm(pieces, axis=1)
         # Two equal vertices leave a piece without length, whose direction doesn't matter.
         self._directions = pieces / np.maximum(self._lengths, 1e-12)[:, None]
         self._before = np.append(0.0, np.cumsum(self._lengths))
@@ -91,14 +90,8 @@ class Polyline:
 class IdealPath:
     """The ideal path of a hand, from where it starts, and of a can's centre to the goal, (3,) each.
 
-    Attributes
-    ----------
-    reach, carry : ndarray, shape (n, 3)
-        Vertices of the way to the can and of the way with it.
-    length, carry_length : float
-        Length of both, and of the way with the can, metres.
-    start_remaining : float
-        Remaining path at the start: about `length` + 0.16 m.
+    In metres: `reach` and `carry`, vertices (n, 3) of the way to the can and with it; the latter's
+    `carry_length`, both's `length`; `start_remaining`, at the start, about `length` + 0.16.
     """
 
     def __init__(self, hand, can, goal):

@@ -15,7 +15,6 @@ import numpy as np
 # Width and height in pixels, and metres of the camera from what it looks at.
 PICTURE, FILM = (960, 720, 1.6), (320, 240, 1.2)
 FILM_COLOURS = 64  # of the palette; keeps a film to a few hundred kB
-FRAME_TIME = 100  # milliseconds, as a control step takes
 
 
 def render(path: str | Path, seed: int = 0) -> str:
@@ -76,8 +75,8 @@ def _render_here(path, seed, positions=None):
         if not positions:
             return frames[0].save(temporary, "PNG")
         first, *others = (f.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for f in frames)
-        animated = {"save_all": True, "append_images": others, "duration": FRAME_TIME}
-        first.save(temporary, "GIF", **animated, loop=0, optimize=True)
+        animated = {"save_all": True, "append_images": others, "loop": 0, "optimize": True}
+        first.save(temporary, "GIF", **animated, duration=100)  # ms, as a control step takes
 
 
 if __name__ == "__main__":

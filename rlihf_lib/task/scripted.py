@@ -78,6 +78,4 @@ def knock_things_off(env) -> np.ndarray:
     return np.append(np.clip(way / STEP_LENGTH, -1, 1), CLOSE)
 
 
-EXPLOITERS = (
-    hover, oscillate, hold_in_the_air, push_along_the_table, sit_still, knock_things_off
-)  # fmt: skip
+EXPLOITERS = hover, oscillate, hold_in_the_air, push_along_the_table, sit_still, knock_things_off

@@ -109,13 +109,12 @@ class CriticPass:
         biases = [bias.detach()[index, 0] for bias in critic.biases]
         inputs, deltas = [x, *buffers.outputs], [*buffers.deltas, buffers.d_values]
         self._values, self._d_values = np.empty(len(x), np.float32), buffers.d_values.numpy()
-        self._forward: list = []
-        self._backward: list = []
+        self._forward, self._backward = [], []
         for i, (z, scale) in enumerate(zip(buffers.normalised, buffers.scales, strict=True)):
             normed = z.numpy(), biases[i].numpy(), inputs[i + 1].numpy(), scale
             self._forward.append((inputs[i], weights[i], z, normed))
             normed_back = z.numpy(), scale, deltas[i].numpy()
-            self._backward.insert(0, (weights[i + 1], deltas[i + 1].T, deltas[i].T, normed_back))
+            self._backward.append((weights[i + 1], deltas[i + 1].T, deltas[i].T, normed_back))
         d_weights = [weight.grad[index].T for weight in critic.weights]
         d_biases = [bias.grad[index, 0] for bias in critic.biases]
         transposed = [delta.T for delta in deltas]
@@ -134,7 +133,7 @@ class CriticPass:
     def backward(self, d_values: np.ndarray | float) -> None:
         """Carry the loss's derivative by the values back through the layers."""
         self._d_values[:, 0] = d_values
-        for weight, above, below, normed in self._backward:
+        for weight, above, below, normed in reversed(self._backward):
             torch.mm(weight, above, out=below)
             norm_relu_backward(*normed)
 
@@ -167,13 +166,12 @@ class ActorPass:
         self._mean, self._log_std = means.numpy()
         self._d_mean, self._d_log_std = d_means.numpy()
         self._noise, self._draws = noise.numpy(), noise.split(batch_size)
-        self._forward: list = []
-        self._backward: list = []
+        self._forward, self._backward = [], []
         for i, (layer, y, delta) in enumerate(zip(layers, outputs, deltas, strict=True)):
             weight, bias = layer.weight.detach(), layer.bias.detach().numpy()
             below = deltas[i - 1] if i else None
             self._forward.append((inputs[i], weight.T, y, (y.numpy(), bias)))
-            self._backward.insert(0, ((y.numpy(), delta.numpy()), delta, weight, below))
+            self._backward.append(((y.numpy(), delta.numpy()), delta, weight, below))
         self._heads = [
             (head.bias.detach(), top, head.weight.detach().T, mean)
             for head, mean in zip(heads, means, strict=True)
@@ -214,7 +212,7 @@ class ActorPass:
         above, (mean_weight, log_std_weight), (d_mean, d_log_std) = self._top
         torch.mm(d_mean, mean_weight, out=above)
         above.addmm_(d_log_std, log_std_weight)
-        for rectified, delta, weight, below in self._backward:
+        for rectified, delta, weight, below in reversed(self._backward):
             relu_backward(*rectified)
             if below is not None:
                 torch.mm(delta, weight, out=below)
