@@ -27,30 +27,19 @@ Act = Callable[[Any], np.ndarray]
 
 
 def rollout(env: gym.Env, act: Act, seed: int) -> Iterator[tuple]:
-    """Run one episode from the placement of a seed.
-
-    Yields
-    ------
-    tuple
-        Per step what `env.step` returns: observation, reward, terminated, truncated, info.
-    """
+    """Run one episode from the placement of a seed; yield what `env.step` returns."""
     env.reset(seed=seed)
-    over = False
-    while not over:
-        step = env.step(act(env.unwrapped))
-        over = step[2] or step[3]
+    terminated = truncated = False
+    while not (terminated or truncated):
+        _, _, terminated, truncated, _ = step = env.step(act(env.unwrapped))
         yield step
 
 
 def evaluate(env: PickPlaceEnv, act: Act, seeds: Iterable[int]) -> list[dict[str, float]]:
-    """Run one episode per seed and judge it by the unified evaluation reward.
+    """Run one episode per seed and judge it: a row each of number, return and metrics.
 
-    Returns
-    -------
-    list of dict
-        Per episode: rollout, its number; return, summed over the horizon, where steps left after
-        success count `PLACED` each; and `PickPlaceEnv.metrics`: success, path_efficiency,
-        path_deviation (m), collisions, min_clearance (m), completed, steps.
+    The unified evaluation reward, summed over the horizon, where steps left after success count
+    `PLACED` each; and `PickPlaceEnv.metrics`.
     """
     rows = []
     for number, seed in enumerate(seeds):
@@ -58,8 +47,7 @@ def evaluate(env: PickPlaceEnv, act: Act, seeds: Iterable[int]) -> list[dict[str
         for *_, info in rollout(env, act, seed):
             total += evaluation_reward(info["moment"], env.path)
         metrics = info["metrics"]
-        if metrics["success"]:
-            total += PLACED * (env.horizon - metrics["steps"])
+        total += PLACED * (env.horizon - metrics["steps"]) * metrics["success"]
         rows.append({"rollout": number, "return": total, **metrics})
     return rows
 
@@ -83,19 +71,17 @@ class Recording:
 
 def record(env: PickPlaceEnv, act: Act, seed: int) -> Recording:
     """Run one episode and keep what a film or a drawing of its path needs."""
-    states = []
 
-    def look(env):
-        states.append((env.controller.hand.copy(), env.body("can"), env.data.qpos.copy()))
+    def look():
+        return env.controller.hand.copy(), env.body("can"), env.data.qpos.copy()
 
-    def act_and_look(env):
-        look(env)
-        return act(env)
-
-    *_, (*_, info) = rollout(env, act_and_look, seed)
-    look(env)
+    env.reset(seed=seed)
+    states = [look()]
+    for *_, info in rollout(env, act, seed):
+        states.append(look())
+        success = info["is_success"]
     hand, can, qpos = (np.array(part) for part in zip(*states, strict=True))
-    return Recording(hand, can, qpos, seed, info["is_success"])
+    return Recording(hand, can, qpos, seed, success)
 
 
 def policy_of(model: SAC) -> Act:
@@ -104,18 +90,12 @@ def policy_of(model: SAC) -> Act:
 
 
 def load_policy(folder: str | Path, env: PickPlaceEnv) -> Act:
-    """Return the deterministic policy of a finished run, by its folder.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the run is not there.
-    """
-    folder = Path(folder)
-    for name in ("config.json", "actor.safetensors"):
-        if not (folder / name).is_file():
-            raise FileNotFoundError(f"{folder / name} is missing; train the run with notebook 03")
-    settings = json.loads((folder / "config.json").read_text(encoding="utf-8"))["sac"]
-    model = make_sac(env, SACSettings(**settings), seed=0)
-    model.policy.actor.load_state_dict(load_file(folder / "actor.safetensors"))
+    """Return the deterministic policy of a run's folder; a FileNotFoundError if not finished."""
+    config, actor = Path(folder) / "config.json", Path(folder) / "actor.safetensors"
+    for path in (config, actor):
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} is missing; train the run with notebook 03")
+    settings = SACSettings(**json.loads(config.read_text(encoding="utf-8"))["sac"])
+    model = make_sac(env, settings, seed=0)
+    model.policy.actor.load_state_dict(load_file(actor))
     return policy_of(model)

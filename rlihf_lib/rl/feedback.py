@@ -28,7 +28,7 @@ def controls_of(person: str) -> tuple[str, str]:
 def with_controls(p_error: pd.DataFrame, person: str) -> pd.DataFrame:
     """Add the ideal decoder's rows to those of decoded people, and one person's controls."""
     rows = rows_of(p_error, person)
-    shuffled = np.random.default_rng(0).permutation(rows["p_error"].to_numpy())
+    shuffled = np.random.default_rng(0).permutation(rows["p_error"])
     silent = zip(controls_of(person), (rows["p_error"].mean(), shuffled), strict=True)
     tables = [rows.assign(subject=subject, p_error=p) for subject, p in silent]
     ideal = perfect_table().assign(subject=IDEAL)
@@ -41,13 +41,7 @@ def perfect_table() -> pd.DataFrame:
 
 
 def rows_of(p_error: pd.DataFrame | None, subject: str) -> pd.DataFrame:
-    """Pick a subject's rows: all that a run may see of the table.
-
-    Raises
-    ------
-    ValueError
-        If there is no table, or it has no row of the subject.
-    """
+    """Pick a subject's rows, all that a run may see of the table; a ValueError without any."""
     known = [] if p_error is None else sorted(set(p_error["subject"]))
     if p_error is None or subject not in known:
         raise ValueError(
@@ -58,25 +52,13 @@ def rows_of(p_error: pd.DataFrame | None, subject: str) -> pd.DataFrame:
 
 
 def p_error_sha256(p_error: pd.DataFrame | None, subject: str) -> str:
-    """Hash the rows a run draws its feedback from: epoch, label and p_error of one subject.
-
-    Raises
-    ------
-    ValueError
-        If the table has no row of the subject.
-    """
+    """Hash the rows a run draws its feedback from: epoch, label and p_error of one subject."""
     rows = rows_of(p_error, subject)[["epoch", "label", "p_error"]]
     return sha256(rows.to_csv(index=False, lineterminator="\n"))
 
 
 def check_feedback(configs, p_error: pd.DataFrame | None) -> None:
-    """Check that the table holds the very rows that the `RunConfig`s name.
-
-    Raises
-    ------
-    ValueError
-        If a subject is missing or its rows have another hash.
-    """
+    """Raise a ValueError unless the table holds the very rows that the `RunConfig`s name."""
     named = {(config.subject, config.p_error_sha256) for config in configs if config.subject}
     for subject, digest in sorted(named):
         if p_error_sha256(p_error, subject) != digest:

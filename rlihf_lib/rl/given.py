@@ -21,11 +21,10 @@ INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "pl
 
 @dataclass(frozen=True)
 class Given:
-    """A function from outside, with what identifies it."""
+    """A function from outside, with the hash of its source and of what it refers to."""
 
     name: str
     sha256: str
-    """Of its source and of what it refers to."""
     function: Callable = field(compare=False, repr=False)
 
     def __call__(self, moment) -> float:
@@ -36,20 +35,14 @@ class Given:
 def given(function: Callable) -> Given:
     """Identify a function by name and source, defined in a file or a notebook cell.
 
-    What it refers to may be numbers, strings, tuples, modules, installed code or such functions
-    again.
-
-    Raises
-    ------
-    ValueError
-        If it refers to something whose value can't be written down, or its source is not known.
+    It may refer to numbers, strings, tuples, modules, installed code or such functions again; a
+    ValueError if to something else, whose value can't be written down, or without its source.
     """
     name = getattr(function, "__name__", type(function).__name__).strip("<>")
     return Given(name, sha256(canonical_json(_parts(function, name, set()))), function)
 
 
 def _parts(function, name, seen):
-    """List the source of a function and of what it refers to."""
     seen.add(function)
     try:
         parts: list = [textwrap.dedent(inspect.getsource(function))]

@@ -7,6 +7,7 @@ a single epoch, and what varies is the placement.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from itertools import accumulate, product
 
 import numpy as np
 import pandas as pd
@@ -27,10 +28,9 @@ FULL_SPEED = PROGRESS * SURE_PROGRESS  # dense reward of the progress that surel
 
 def play(env: PickPlaceEnv, seeds: Iterable[int]) -> dict[tuple[str, int], tuple]:
     """Watch the expert and every exploiter: what `watch` returns, by robot and seed."""
-    robots = {act.__name__.removesuffix("_action"): act for act in (expert_action, *EXPLOITERS)}
     return {
-        (name, seed): watch(env, act, seed, HORIZON)
-        for name, act in robots.items()
+        (act.__name__.removesuffix("_action"), seed): watch(env, act, seed, HORIZON)
+        for act in (expert_action, *EXPLOITERS)
         for seed in seeds
     }
 
@@ -38,10 +38,7 @@ def play(env: PickPlaceEnv, seeds: Iterable[int]) -> dict[tuple[str, int], tuple
 def expected_feedback(
     moments: Sequence[Moment], observer: Callable, p_error: pd.DataFrame
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Expected reward 1 - p(error) of each moment, and its standard deviation, shape (n,) each.
-
-    `p_error` are the subject's rows (`rlihf_lib.rl.feedback`).
-    """
+    """Expected reward 1 - p(error) of each moment, and its SD, (n,) each, by a subject's rows."""
     wrong = np.array([observer(moment) for moment in moments])
     by_class = p_error.groupby("label")["p_error"]
     means, squares = by_class.mean(), by_class.agg(lambda p: (p**2).mean())
@@ -53,18 +50,14 @@ def expected_feedback(
 def discounted_returns(
     rewards: Iterable[float], terminated: bool, discount: float, horizon: int = HORIZON
 ) -> np.ndarray:
-    """Discounted return from every step on, (horizon,); what ends an episode goes on for ever.
+    """Discounted return from every step on, (horizon,); steps after the end have that of the end.
 
-    The last reward of a terminated episode is paid for all that follows. Steps after the end have
-    the return of the end.
+    The last reward of a terminated episode is paid for all that follows.
     """
     rewards = list(rewards)
     later = rewards.pop() if terminated else np.mean(rewards[-STEADY:]) / (1 - discount)
-    returns = [later]
-    for reward in reversed(rewards):
-        returns.append(reward + discount * returns[-1])
-    returns.reverse()
-    return np.array((returns + horizon * [later])[:horizon])
+    steps = accumulate(reversed(rewards), lambda g, r: r + discount * g, initial=later)
+    return np.array([*list(steps)[::-1], *horizon * [later]][:horizon])
 
 
 def expected_returns(
@@ -101,10 +94,8 @@ def margin(returns: pd.DataFrame, discount: float) -> dict:
         the standard deviation that the noise of single steps gives a return,
         sd / sqrt(1 - discount^2), and its 95 % t interval over placements.
     """
-    start, average = (
-        returns.pivot(index="seed", columns="robot", values=name)
-        for name in ("from_start", "average")
-    )
+    table = returns.pivot(index="seed", columns="robot")
+    start, average = table["from_start"], table["average"]
     others = start.columns.drop("expert")
     best = start[others].mean().idxmax()
     noise = returns.loc[returns["robot"] == "expert", "noise"].mean() / np.sqrt(1 - discount**2)
@@ -123,11 +114,10 @@ def margins(
 ) -> pd.DataFrame:
     """Return a row per person and observer: subject, observer, and what `margin` returns."""
     rows = []
-    for subject in people:
+    for subject, (name, observer) in product(people, OBSERVERS.items()):
         own = rows_of(p_error, subject)
-        for name, observer in OBSERVERS.items():
-            returns = expected_returns(played, observer, own, w_hf, discount)
-            rows.append({"subject": subject, "observer": name, **margin(returns, discount)})
+        returns = expected_returns(played, observer, own, w_hf, discount)
+        rows.append({"subject": subject, "observer": name, **margin(returns, discount)})
     return pd.DataFrame(rows)
 
 
@@ -137,9 +127,7 @@ def explained_by_dense(moments: Sequence[Moment], observer: Callable) -> float:
     Squared correlation with the dense reward, cut off where progress surely looks right, and 0 for
     collisions. NaN where one of the two never varies.
     """
-    dense = [
-        0.0 if moment.collided else min(alignment_reward(moment), FULL_SPEED) for moment in moments
-    ]
+    dense = [(not m.collided) * min(alignment_reward(m), FULL_SPEED) for m in moments]
     right = [1 - observer(moment) for moment in moments]
     if np.ptp(dense) == 0 or np.ptp(right) == 0:
         return np.nan

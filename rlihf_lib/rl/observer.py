@@ -37,10 +37,7 @@ def comfort(clearance: float) -> float:
 
 
 def path_observer(moment: Moment) -> float:
-    """Probability that somebody who knows the ideal path perceives an error in a control step.
-
-    It falls linearly with the ground gained, and rises with closeness to obstacles.
-    """
+    """Probability that somebody who knows the ideal path perceives an error in a control step."""
     if moment.success:
         return 0.0
     if moment.lost or moment.collided:
@@ -65,43 +62,24 @@ OBSERVERS = {"path": path_observer, "lay": lay_observer}
 class Observer:
     """A person whose held-out epochs answer what they see.
 
-    Parameters
-    ----------
-    p_error : DataFrame
-        Rows of one subject (`rlihf_lib.rl.feedback`).
-    rng : numpy.random.Generator
-        Draws what is perceived, and the epochs.
-    looks_wrong : callable
-        `moment -> P(wrong)`.
-    decode : callable, optional
-        `decode(epoch)` decodes the epoch of that number anew, as `rlihf_lib.live` does; by default
-        p(error) is looked up in the table.
-
-    Attributes
-    ----------
-    errors_seen : int
-        Moments that looked wrong so far.
+    `p_error` are rows of one subject (`rlihf_lib.rl.feedback`), of both classes, else a ValueError.
+    `rng` draws what is perceived, by P(wrong) = `looks_wrong(moment)`, and the epochs. p(error) is
+    looked up, or decoded anew, as in `rlihf_lib.live`, by `decode`, from the number of an epoch.
     """
 
     def __init__(self, p_error: pd.DataFrame, rng, looks_wrong=path_observer, decode=None):
         self._p, self._epochs = p_error["p_error"].to_numpy(), p_error["epoch"].to_numpy()
         self._rows = [np.flatnonzero(p_error["label"] == label) for label in (0, 1)]
-        for label, name in enumerate(("correct", "error")):
-            if len(self._rows[label]) == 0:
+        for name, rows in zip(("correct", "error"), self._rows, strict=True):
+            if len(rows) == 0:
                 raise ValueError(
                     f"the p(error) table has no epoch of class {name!r}; the observer needs both"
                 )
         self._rng, self._looks_wrong, self._decode = rng, looks_wrong, decode
-        self.errors_seen = 0
+        self.errors_seen = 0  # moments that looked wrong so far
 
     def watch(self, moment: Moment, n: int = 1) -> np.ndarray:
-        """Answer a moment that lasts for `n` control steps, Eq. (3).
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            p(error) of epochs of the class that the moment evokes.
-        """
+        """Answer a moment of `n` control steps by p(error), (n,), of epochs it evokes, Eq. (3)."""
         wrong = int(self._rng.random() < self._looks_wrong(moment))
         self.errors_seen += wrong
         rows = self._rows[wrong]

@@ -23,13 +23,7 @@ AFTERWARDS = 100  # steps after which, discounted, feedback no longer matters
 
 
 def task_reward(moment: Moment, discount: float) -> float:
-    """Sparse reward: success, and a penalty for each step in collision with an obstacle.
-
-    Returns
-    -------
-    float
-        -2, 0 or 1 / (1 - discount), with the learner's discount in [0, 1).
-    """
+    """Sparse reward: -2 in collision with an obstacle, 1 / (1 - discount) for success, else 0."""
     return PLACED / (1 - discount) * moment.success + COLLISION * moment.collided
 
 
@@ -43,10 +37,7 @@ def alignment_reward(moment: Moment) -> float:
     pilot carried the can half-way to the goal and parked there for 20,000 steps. Paid as a level, 0
     to 0.8 for the state reached, pilots lifted the can and carried it no further.
 
-    Returns
-    -------
-    float
-        0.75 for a step at full speed along the path, less beside it, 0 for none or for lost ground.
+    0.75 for a step at full speed along the path, less beside it, 0 for none or for lost ground.
     """
     return PROGRESS * max(0.0, moment.best - moment.remaining)
 
@@ -56,18 +47,9 @@ REWARDS = {"path": alignment_reward}
 
 
 def errp_reward(p_error: np.ndarray) -> np.ndarray:
-    """Implicit human feedback, Eq. (4): r = 1 - p(error).
+    """Implicit human feedback, Eq. (4): r = 1 - p(error), both in [0, 1], any shape.
 
-    Parameters
-    ----------
-    p_error : ndarray, shape (n,), or float
-        Decoded probability, in [0, 1], that the observer perceived an error.
-
-    Returns
-    -------
-    ndarray, shape (n,), or float
-        Reward in [0, 1]. Never negative: see `notebooks/03` on what that does where success ends
-        an episode.
+    Never negative: see `notebooks/03` on what that does where success ends an episode.
     """
     return 1.0 - p_error
 
@@ -75,11 +57,8 @@ def errp_reward(p_error: np.ndarray) -> np.ndarray:
 def evaluation_reward(moment: Moment, path) -> float:
     """Unified reward of the evaluation: success, collisions, alignment with the `IdealPath`.
 
-    Returns
-    -------
-    float
-        1 once placed (also for every step left of the horizon), else at most 0.25 for the share of
-        the ideal path completed, less for distance from it, and -0.5 in collision.
+    1 once placed (also for every step left of the horizon), else at most 0.25 for the share of the
+    ideal path completed, less for distance from it, and -0.5 in collision.
     """
     if moment.success:
         return PLACED
@@ -89,20 +68,10 @@ def evaluation_reward(moment: Moment, path) -> float:
 
 
 class TrainingReward(gym.Wrapper):
-    """Replace the environment's reward by that of a condition.
+    """Replace the reward of a `PickPlaceEnv` by that of a condition: "sparse", "dense" or "rlihf".
 
-    Parameters
-    ----------
-    env : PickPlaceEnv
-    condition : {"sparse", "dense", "rlihf"}
-    discount : float
-        Of the learner.
-    w_hf : float
-        Weight of human feedback.
-    observer : Observer, optional
-        Needed by "rlihf".
-    engineered : callable
-        `moment -> float`, what "dense" adds to the task reward.
+    "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times the feedback of an
+    `Observer`. `discount` is the learner's.
     """
 
     def __init__(

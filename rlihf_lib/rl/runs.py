@@ -93,9 +93,9 @@ class RunConfig:
         for name, choices in known.items():
             value = getattr(self, name)
             if callable(value) and name != "condition":
-                if not isinstance(value, Given):
-                    # Identified here, where its source is known: workers get the code only.
-                    object.__setattr__(self, name, given(value))
+                # Identified here, where its source is known: workers get the code only.
+                function = value if isinstance(value, Given) else given(value)
+                object.__setattr__(self, name, function)
             elif value not in choices:
                 raise ValueError(f"{name} is {value!r}; choose one of {', '.join(choices)}")
         if (self.condition == "rlihf") != bool(self.subject):
@@ -117,10 +117,10 @@ class RunConfig:
     @property
     def changes(self) -> list[str]:
         """Words for observer, reward and settings that differ from the default, as in the id."""
-        changed = _changed(self)
-        words = [changed[name] for name in ("observer", "reward") if name in changed]
-        words = [f"{w['name']}.{w['sha256'][:6]}" if isinstance(w, dict) else w for w in words]
-        settings = {name: changed[name] for name in ("patience",) if name in changed}
+        changed, words = _changed(self), []
+        for word in (changed[name] for name in ("observer", "reward") if name in changed):
+            words.append(word if isinstance(word, str) else f"{word['name']}.{word['sha256'][:6]}")
+        settings = {"patience": self.patience} if "patience" in changed else {}
         for name, value in (settings | changed.get("sac", {})).items():
             values = value if isinstance(value, tuple) else (value,)
             words.append(name + "x".join(f"{v:g}" for v in values))
@@ -128,17 +128,15 @@ class RunConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain JSON values; functions as their name and hash."""
-        fields = {
-            entry.name: _plain(getattr(self, entry.name)) for entry in dataclasses.fields(self)
-        }
+        names = [entry.name for entry in dataclasses.fields(self)]
+        fields = {name: _plain(getattr(self, name)) for name in names}
         return {**fields, "sac": dataclasses.asdict(self.sac)}
 
     @property
     def hash(self) -> str:
         """Hash of the protocol and of everything that isn't left at its default.
 
-        Present and equal in a run folder means done. An option added later, left at its default,
-        leaves it alone.
+        Present and equal in a run folder means done.
         """
         return sha256(canonical_json({"protocol": self.protocol, **_changed(self)}))
 
@@ -151,11 +149,10 @@ def _changed(settings):
     """Return the fields of a dataclass that differ from their defaults, as plain values."""
     changed = {}
     for entry in dataclasses.fields(settings):
-        value: Any = getattr(settings, entry.name)
+        value, default = getattr(settings, entry.name), entry.default
         if isinstance(value, SACSettings):
-            if value := _changed(value):
-                changed[entry.name] = value
-        elif value != entry.default:
+            value, default = _changed(value), {}
+        if value != default:
             changed[entry.name] = _plain(value)
     return changed
 
@@ -171,10 +168,7 @@ def is_done(config: RunConfig, runs_dir: str | Path) -> bool:
 
 
 def write_run(config: RunConfig, runs_dir: str | Path, files: Mapping[str, bytes]) -> Path:
-    """Put a run's files, content by name, in place and return its folder.
-
-    They are written to a temporary folder first, which is then renamed to `run_id`.
-    """
+    """Put a run's files, content by name, in place all at once and return its folder."""
     target = Path(runs_dir) / config.run_id
     temporary = target.with_name(f".{config.run_id}.{os.getpid()}.partial")
     shutil.rmtree(temporary, ignore_errors=True)
@@ -199,12 +193,7 @@ def read_run(
 ) -> pd.DataFrame:
     """Read a table of a finished run, "eval.csv" or "train.csv", which must have these columns.
 
-    Raises
-    ------
-    FileNotFoundError
-        If the run is missing.
-    ValueError
-        If the table lacks a column or holds a number that is none.
+    A FileNotFoundError without the run; a ValueError without a column, return or success.
     """
     path = Path(runs_dir) / config.run_id / name
     if not is_done(config, runs_dir):
@@ -220,6 +209,6 @@ def read_run(
     if "episodes" in frame:  # a window of training in which none ended has no means
         broken &= frame["episodes"] > 0
     if broken.any():
-        line = frame.index[broken][0] + 2
+        line = broken.idxmax() + 2
         raise ValueError(f"{path}, line {line}: return or success is empty; delete the run")
     return frame

@@ -1,8 +1,7 @@
 """Many runs: skip what is done, spread the rest over worker processes with Dask.
 
-A run that is killed leaves nothing behind, a run that is finished is a folder renamed into place:
-so skipping finished runs is also how an interrupted sweep goes on, and how shipped results are
-used.
+A run that is killed leaves nothing behind, one that is finished is a folder renamed into place: so
+skipping finished runs is also how an interrupted sweep goes on, and how shipped results are used.
 """
 
 import contextlib
@@ -56,20 +55,15 @@ def run_sweep(
     Returns
     -------
     int
-        How many runs were trained.
+        How many runs were trained. A worker that dies takes only its run with it: Dask starts
+        another, which trains the run from its beginning (three times at most). Files travel through
+        Dask: workers need no common disk.
 
     Raises
     ------
-    RuntimeError
-        If a run failed. The others are finished and kept first.
-    ValueError
-        If a config names other p(error) rows than the table has; nothing is trained then.
-
-    Notes
-    -----
-    A worker that dies takes only its run with it: Dask starts another worker, which trains the run
-    from its beginning (three times at most). Files travel through Dask, so that workers need no
-    disk in common with this machine.
+    RuntimeError, ValueError
+        If a run failed, once the others are finished and kept; if a config names other p(error)
+        rows than the table has, before anything is trained.
     """
     runs_dir, configs = Path(runs_dir), list(dict.fromkeys(configs))
     check_feedback(configs, p_error)
@@ -83,8 +77,26 @@ def run_sweep(
         Progress(len(configs), len(configs) - len(missing), "runs") as progress,
     ):
         client.subscribe_topic(TOPIC, lambda event: progress.advance(*event[1]))
-        futures = _submit(client, missing, p_error, train)
-        failures = _collect(futures, runs_dir, progress)
+        futures = {}
+        for position, config in enumerate(missing):
+            rows = rows_of(p_error, config.subject) if config.subject else None
+            future = client.submit(
+                _train_on_worker, config, rows, train, key=f"{config.run_id}-{config.hash[:16]}",
+                priority=-position, pure=False,
+            )  # fmt: skip
+            futures[future] = config
+        failures = []
+        for future in as_completed(futures):
+            config = futures[future]
+            try:
+                # Waits for a run that is trained again, its files having died with their worker.
+                files = future.result()
+            except Exception as failed:
+                failures.append((config, failed))
+            else:
+                write_run(config, runs_dir, files)
+            progress.finished(config.run_id)
+            future.release()
     if failures:
         config, error = failures[0]
         raise RuntimeError(
@@ -92,39 +104,6 @@ def run_sweep(
             f"{config.run_id}: {type(error).__name__}: {error}"
         ) from error
     return len(missing)
-
-
-def _submit(client, configs, p_error, train):
-    """Hand runs to the workers, those first that are named first; return config by future."""
-    return {
-        client.submit(
-            _train_on_worker,
-            config,
-            rows_of(p_error, config.subject) if config.subject else None,
-            train,
-            key=f"{config.run_id}-{config.hash[:16]}",
-            priority=-position,
-            pure=False,
-        ): config
-        for position, config in enumerate(configs)
-    }
-
-
-def _collect(futures, runs_dir, progress):
-    """Write the runs as they are finished; return those that failed, with their errors."""
-    failures = []
-    for future in as_completed(futures):
-        config = futures[future]
-        try:
-            # Waits for a run that is trained again, its files having died with their worker.
-            files = future.result()
-        except Exception as error:
-            failures.append((config, error))
-        else:
-            write_run(config, runs_dir, files)
-        progress.finished(config.run_id)
-        future.release()
-    return failures
 
 
 def _train_on_worker(config, p_error, train):
@@ -144,23 +123,18 @@ def _train_on_worker(config, p_error, train):
 @contextlib.contextmanager
 def _client(n_workers) -> Iterator[Client]:
     """Connect to DASK_SCHEDULER_ADDRESS, or start workers on this machine."""
-    address = os.environ.get("DASK_SCHEDULER_ADDRESS")
-    if address:
+    if address := os.environ.get("DASK_SCHEDULER_ADDRESS"):
         with Client(address) as client:
             client.wait_for_workers(1, timeout=120)
             yield client
         return
-    with (
-        dask.config.set(QUIET),
-        LocalCluster(
-            n_workers=n_workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",  # its default port may be taken
-            memory_limit=0,
-            env=ONE_THREAD,
-            silence_logs="CRITICAL",
-        ) as cluster,
-        Client(cluster) as client,
-    ):
+    settings = {
+        "n_workers": n_workers,
+        "threads_per_worker": 1,
+        "dashboard_address": "127.0.0.1:0",  # its default port may be taken
+        "memory_limit": 0,
+        "env": ONE_THREAD,
+        "silence_logs": "CRITICAL",
+    }
+    with dask.config.set(QUIET), LocalCluster(**settings) as cluster, Client(cluster) as client:
         yield client

@@ -25,10 +25,6 @@ from rlihf_lib.task.gym_env import PickPlaceEnv
 
 LOG_EVERY = 1_000  # steps of training that a row of train.csv sums up
 EPISODE_METRICS = ("success", "completed", "collisions", "min_clearance", "steps")
-#: Of train.csv: means over the episodes that ended in the window, and the share of its steps that
-#: looked wrong to the observer; three numbers of the update at its end (`FastSAC.learning`).
-WINDOW_COLUMNS = ("step", "episodes", "return", *EPISODE_METRICS, "judged_wrong")
-LEARNING_COLUMNS = ("critic_loss", "ent_coef", "mean_q")
 
 
 class _Record(BaseCallback):
@@ -47,18 +43,19 @@ class _Record(BaseCallback):
         self._evaluate()
 
     def _on_step(self):
-        self.episode_return += float(self.locals["rewards"][0])
-        info = self.locals["infos"][0]
+        (reward,), (info,) = self.locals["rewards"], self.locals["infos"]
+        self.episode_return += float(reward)
         if "metrics" in info:
             self.episodes.append({"return": self.episode_return, **info["metrics"]})
             self.episode_return = 0.0
-        if self.num_timesteps % LOG_EVERY == 0 or self.num_timesteps == self.config.total_steps:
+        step, config = self.num_timesteps, self.config
+        if step % LOG_EVERY == 0 or step == config.total_steps:
             self._sum_up()
-        if self.num_timesteps % self.config.eval_every == 0:
+        if step % config.eval_every == 0:
             self._evaluate()
-        if self.num_timesteps % LOG_EVERY == 0:
-            last = self.evaluations[-self.config.eval_rollouts :]
-            self.progress(self.num_timesteps, np.mean([row["success"] for row in last]))
+        if step % LOG_EVERY == 0:
+            last = self.evaluations[-config.eval_rollouts :]
+            self.progress(step, np.mean([row["success"] for row in last]))
         return True
 
     def _sum_up(self):
@@ -72,20 +69,24 @@ class _Record(BaseCallback):
         self.episodes, self.started = [], self.num_timesteps
 
     def _evaluate(self):
-        config = self.config
-        point = self.num_timesteps // config.eval_every
-        first = EVALUATION_SEEDS + 1_000 * (1_000 * config.seed + point)
-        seeds = range(first, first + config.eval_rollouts)
+        point = self.num_timesteps // self.config.eval_every
+        first = EVALUATION_SEEDS + 1_000 * (1_000 * self.config.seed + point)
+        seeds = range(first, first + self.config.eval_rollouts)
         rows = evaluate(self.env, policy_of(self.model), seeds)
         self.evaluations += [{"step": self.num_timesteps, **row} for row in rows]
         # Kept as evaluated: SB3 updates once more after the last step.
         self.actor = {k: v.clone() for k, v in self.model.actor.state_dict().items()}
 
     def training_table(self):
-        """Training in windows of `LOG_EVERY` steps, with the update at the end of each."""
-        windows = pd.DataFrame(self.windows, columns=WINDOW_COLUMNS)
-        learning = pd.DataFrame(self.model.learning, columns=["step", *LEARNING_COLUMNS])
-        table = windows.merge(learning, on="step", how="left")
+        """Training in windows of `LOG_EVERY` steps, with the update at the end of each.
+
+        Means over the episodes that ended in it, the share of its steps that looked wrong to the
+        observer, and what the learner says (`FastSAC.learning`).
+        """
+        window = ["step", "episodes", "return", *EPISODE_METRICS, "judged_wrong"]
+        update = ["step", "critic_loss", "ent_coef", "mean_q"]
+        learning = pd.DataFrame(self.model.learning, columns=update)
+        table = pd.DataFrame(self.windows, columns=window).merge(learning, on="step", how="left")
         # Single precision's digits say all there is.
         return table.astype(dict.fromkeys(table.columns[2:], np.float32))
 
@@ -95,20 +96,13 @@ def train_run(
 ) -> dict[str, bytes]:
     """Train and evaluate one policy; a pure function of its config and of `p_error`.
 
-    Parameters
-    ----------
-    p_error : DataFrame, optional
-        The p(error) table (`rlihf_lib.rl.feedback`); needed by condition "rlihf".
-    progress : callable
-        Called every 1,000 steps with how many are done and the last evaluation's success rate.
-    decode : callable, optional
-        Decodes the feedback anew instead of looking it up; see `Observer`.
+    Condition "rlihf" needs the p(error) table (`rlihf_lib.rl.feedback`). `progress` is called every
+    1,000 steps with how many are done and the last evaluation's success rate; `decode`: `Observer`.
 
     Returns
     -------
     dict of str to bytes
-        config.json, provenance.json, train.csv, eval.csv and actor.safetensors, which
-        `runs.write_run` puts in place.
+        Files of the run's folder, by name, for `runs.write_run`.
 
     Raises
     ------
@@ -120,8 +114,16 @@ def train_run(
     torch.set_num_threads(1)
     # One stream per use, so that a change in one leaves the others as they were.
     placement, watching, learning = np.random.SeedSequence(config.seed).generate_state(3)
-    observer = _observer(config, p_error, watching, decode)
-    env = _environment(config, observer)
+    observer, looks_wrong, reward = None, config.observer, config.reward
+    if config.subject:
+        check_feedback([config], p_error)
+        rows, rng = rows_of(p_error, config.subject), np.random.default_rng(watching)
+        looks_wrong = looks_wrong if callable(looks_wrong) else OBSERVERS[looks_wrong]
+        observer = Observer(rows, rng, looks_wrong, decode)
+    env = TrainingReward(
+        PickPlaceEnv(config.horizon, config.patience), config.condition, config.sac.discount,
+        config.w_hf, observer, reward if callable(reward) else REWARDS[reward],
+    )  # fmt: skip
     env.reset(seed=int(placement % EVALUATION_SEEDS))
     model = make_sac(env, config.sac, int(learning), LOG_EVERY)
     record = _Record(config, observer, progress)
@@ -142,33 +144,13 @@ def train_run(
     return {**files, "actor.safetensors": save(record.actor)}
 
 
-def _observer(config, p_error, seed, decode):
-    """The person who watches the run, with the subject's epochs; None without feedback."""
-    if not config.subject:
-        return None
-    check_feedback([config], p_error)
-    looks_wrong = OBSERVERS.get(config.observer, config.observer)
-    rng = np.random.default_rng(seed)
-    return Observer(rows_of(p_error, config.subject), rng, looks_wrong, decode)
-
-
-def _environment(config, observer):
-    """The task with the reward of the run's condition."""
-    task = PickPlaceEnv(config.horizon, config.patience)
-    reward = REWARDS.get(config.reward, config.reward)
-    discount = config.sac.discount
-    return TrainingReward(task, config.condition, discount, config.w_hf, observer, reward)
-
-
 def _provenance():
     """Versions and machine a result was computed with."""
     packages = ("rlihf_lib", "torch", "stable-baselines3", "robosuite", "mujoco", "numpy")
     here = Path(__file__).parents[1]
 
-    def git(*arguments):
-        done = subprocess.run(
-            ["git", *arguments], cwd=here, capture_output=True, text=True, check=False
-        )
+    def git(*words):
+        done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True)
         return done.stdout.strip()
 
     # Results written beside the code don't change it.

@@ -1,5 +1,6 @@
 """Who touches whom, and how near hand and held can come to the obstacles."""
 
+from itertools import product
 from typing import NamedTuple
 
 import mujoco
@@ -16,8 +17,6 @@ CAN, OBSTACLE, ROBOT, THUMB, FINGER = 1, 2, 4, 8, 16  # what a geom belongs to, 
 
 
 class Touch(NamedTuple):
-    """Who touches whom."""
-
     can: bool  # whether the robot touches the can
     pinched: bool  # whether thumb and an opposing finger do
     collided: bool  # whether hand, arm or a can that is touched touches an obstacle
@@ -28,31 +27,22 @@ class Contacts:
 
     def __init__(self, workspace: Workspace):
         model = self._model = workspace.sim.model._model
-        self._data = workspace.sim.data._data
-        names = [model.geom(g).name for g in range(model.ngeom)]
+        self._data, can = workspace.sim.data._data, workspace.geom_ids["can"]
+        self.obstacles = np.sort(np.concatenate([workspace.geom_ids[name] for name in OBSTACLES]))
+        names = np.array([model.geom(g).name for g in range(model.ngeom)])
         self._parts = np.array([_parts(name) for name in names])
-        self._parts[workspace.geom_ids["can"]] |= CAN
-        for name in OBSTACLES:
-            self._parts[workspace.geom_ids[name]] |= OBSTACLE
-        self.obstacles = np.flatnonzero(self._parts & OBSTACLE)
-        solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
-        in_hand = np.array([name.startswith("gripper0") for name in names])
-        self.hand = np.flatnonzero(in_hand & solid)
-        self.hand_and_can = np.append(self.hand, workspace.geom_ids["can"])
+        self._parts[can] |= CAN
+        self._parts[self.obstacles] |= OBSTACLE
+        self.hand = np.flatnonzero(workspace.solid & np.char.startswith(names, "gripper0"))
+        self.hand_and_can = np.append(self.hand, can)
         self._is_box = model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
-        self._boxes = [
-            (a, b) for a in self.hand for b in self.obstacles if self._is_box[[a, b]].all()
-        ]
+        self._boxes = list(product(*(g[self._is_box[g]] for g in (self.hand, self.obstacles))))
 
     def touching(self) -> Touch:
         """Tell who touches the can, and whether anything collides."""
         can, obstacle = _touched(self._data.contact.geom, self._parts)
-        touched = bool(can & ROBOT)
-        return Touch(
-            can=touched,
-            pinched=bool(can & THUMB and can & FINGER),
-            collided=bool(obstacle & ROBOT or (obstacle & CAN and touched)),
-        )
+        touched, pinched = bool(can & ROBOT), bool(can & THUMB and can & FINGER)
+        return Touch(touched, pinched, bool(obstacle & ROBOT or (obstacle & CAN and touched)))
 
     def clearance(self, held: bool) -> float:
         """Metres, 0 to `CLEARANCE_RANGE`, from the hand or the can it holds to the next obstacle.
@@ -74,17 +64,13 @@ class Contacts:
 
     def _between_boxes(self, a, b):
         """Distance between two boxes, metres: the points x, y of least |x - y|, within bounds."""
-        centre, size = self._data.geom_xpos, self._model.geom_size
+        centre, limits = self._data.geom_xpos, self._model.geom_size[[a, b]].ravel()
         axes_a, axes_b = self._data.geom_xmat[[a, b]].reshape(2, 3, 3)
-        limits = np.append(size[a], size[b])
-        nearest = lsq_linear(
-            np.hstack([axes_a, -axes_b]), centre[b] - centre[a], (-limits, limits), method="bvls"
-        )
-        return float(np.linalg.norm(nearest.fun))
+        axes, apart = np.hstack([axes_a, -axes_b]), centre[b] - centre[a]
+        return float(np.linalg.norm(lsq_linear(axes, apart, (-limits, limits), "bvls").fun))
 
 
 def _parts(name):
-    """Bits of the robot's parts that a geom of this name belongs to."""
     finger = "_index_" in name or "_pinky_" in name
     robot = name.startswith(("robot0", "gripper0"))
     return ROBOT * robot | THUMB * ("_thumb_" in name) | FINGER * finger

@@ -18,7 +18,6 @@ from robosuite.utils.transform_utils import mat2quat, quat2axisangle
 from rlihf_lib.task.mujoco_c import mj_comPos, mj_fullM, mj_jacSite, mj_kinematics, mj_step
 from rlihf_lib.task.workspace import CONTROL_FREQUENCY, Workspace
 
-HAND_SITE = "gripper0_right_grip_site"
 STIFFNESS = 150.0  # 1/s^2, robosuite's default kp
 NULLSPACE_STIFFNESS = 10.0  # 1/s^2
 STEP_LENGTH = 0.03  # metres of goal displacement at action 1: 0.3 m/s at 10 Hz
@@ -31,8 +30,6 @@ TORQUE_PERIOD = 2  # physics steps between two torque computations
 
 
 class Target(NamedTuple):
-    """What the arm is pulled towards."""
-
     position: np.ndarray  # of the hand, metres, (3,)
     orientation: np.ndarray  # of the hand, (3, 3)
     angles: np.ndarray  # of the joints, rad, (7,): where the null space returns to
@@ -109,19 +106,15 @@ def _drive(model, data, site, n_steps, target, memory):
 class Controller:
     """Drives a fast `Workspace` one control step at a time.
 
-    Attributes
-    ----------
-    hand : ndarray, shape (3,)
-        Position of the grip site, metres: a view of the simulation's memory, which moves on.
-    goal_pos : ndarray, shape (3,)
-        Where the hand is pulled to, metres.
+    `hand` is the position of the grip site, metres, (3,), a view of the simulation's memory, which
+    moves on; `goal_pos` is where it is pulled to.
     """
 
     def __init__(self, workspace: Workspace):
         self.workspace = workspace
         model = self.model = workspace.sim.model._model
         data = self.data = workspace.sim.data._data
-        self.site = model.site(HAND_SITE).id
+        self.site = model.site("gripper0_right_grip_site").id
         self.gripper = workspace.robots[0].gripper["right"]
         self.physics_steps = round(1 / CONTROL_FREQUENCY / model.opt.timestep)
         arm_range, finger_range = np.split(model.actuator_ctrlrange, [ARM_DOFS])
@@ -149,10 +142,8 @@ class Controller:
 
     def hand_velocity(self) -> np.ndarray:
         """Velocity of the grip site, metres per second, shape (3,)."""
-        velocity = np.zeros(6)
-        mujoco.mj_objectVelocity(
-            self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, self.site, velocity, 0
-        )
+        velocity, kind = np.zeros(6), mujoco.mjtObj.mjOBJ_SITE
+        mujoco.mj_objectVelocity(self.model, self.data, kind, self.site, velocity, 0)
         return velocity[3:]
 
     def move_goal(self, action: np.ndarray) -> None:
@@ -161,11 +152,7 @@ class Controller:
         self.goal_pos = (self.hand + ahead).clip(WORKSPACE_LOW, WORKSPACE_HIGH)
 
     def advance(self, action: np.ndarray) -> None:
-        """Apply one action, shape (4,), for one control step.
-
-        In [-1, 1]: goal displacement along x, y, z (1 = 3 cm), aperture (-1 open, 1 closed round a
-        can).
-        """
+        """Apply one action, (4,), as of `gym_env.PickPlaceEnv`, for one control step."""
         self.move_goal(action)
         fingers = self.gripper.format_action(action[3:])
         self.data.ctrl[ARM_DOFS:] = self.finger_middle + self.finger_half * fingers
@@ -178,7 +165,7 @@ class StockController(Controller):
     """The reference for `Controller`: drives `Workspace(fast=False)` by robosuite's own `step`."""
 
     def advance(self, action: np.ndarray) -> None:
-        """Apply one action for one control step, as `Controller.advance` does."""
+        """Apply one action for one control step."""
         orientation = quat2axisangle(mat2quat(self.goal_ori))
         self.move_goal(action)
         self.workspace.step(np.concatenate((self.goal_pos, orientation, action[3:])))

@@ -38,24 +38,12 @@ class PickPlaceEnv(gym.Env):
     Action: Box(-1, 1, (4,)): hand displacement along x, y, z (1 = 3 cm), aperture of the hand (-1
     open, 1 closed round a can; beyond +-2/3 fully). Observation: Box(43,), see `_observe`. Reward:
     1 in the step that places the can, else 0; training rewards are made of `info["moment"]`
-    (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost. `truncated`: the
-    horizon, or `patience`. `info["metrics"]` at the end of an episode: `metrics`.
+    (`rlihf_lib.rl.rewards`). `terminated`: the can stands on the goal, or is lost.
+    `info["metrics"]` at the end of an episode: `metrics`.
 
-    Parameters
-    ----------
-    horizon : int
-        Steps after which an episode is truncated (paper: 1000).
-    patience : int, optional
-        Steps without getting further than ever before in the episode after which it is truncated,
-        as somebody would stop and reset a robot that is stuck.
-    workspace : Workspace, optional
-        To use instead of a new, fast one; with `Workspace(fast=False)` robosuite's own `step`
-        drives the same task, several times slower.
-
-    Attributes
-    ----------
-    observation : ndarray, float32
-        Of the present state, as `reset` and `step` return it.
+    An episode is truncated after `horizon` steps (paper: 1000), or `patience` steps without getting
+    further than ever before in it, as somebody would stop and reset a robot that is stuck. With
+    `Workspace(fast=False)` robosuite's own `step` drives the same task, several times slower.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
@@ -82,8 +70,7 @@ class PickPlaceEnv(gym.Env):
         self.workspace.reset()
         self.controller.reset()
         self.steps = self.advanced = self.collisions = 0
-        self.travelled = self.squared_deviation = 0.0
-        self.min_clearance = CLEARANCE_RANGE
+        self.travelled, self.squared_deviation, self.min_clearance = 0.0, 0.0, CLEARANCE_RANGE
         self.colliding = self.grasped = self.lifted = self.lowered = False
         can = self.body("can")
         self.goal = np.array([*self.workspace.placement["goal"][:2], can[2]])
@@ -94,12 +81,12 @@ class PickPlaceEnv(gym.Env):
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one control step (Gymnasium API)."""
-        action = np.asarray(action, float).clip(-1, 1)
         before = self.controller.hand.copy()
-        self.controller.advance(action)
+        self.controller.advance(np.asarray(action, float).clip(-1, 1))
         self.steps += 1
+        self.travelled += math.dist(self.controller.hand, before)
         moment = self._judge()
-        self._remember(moment, math.dist(self.controller.hand, before))
+        self._remember(moment)
         terminated = moment.success or moment.lost
         stuck = self.steps - self.advanced >= self.patience
         truncated = not terminated and (stuck or self.steps >= self.horizon)
@@ -111,11 +98,15 @@ class PickPlaceEnv(gym.Env):
 
     def _judge(self):
         """Tell what the step that has just been made was, as a `Moment`."""
-        hand, can, tilt = self.controller.hand.copy(), self.body("can"), self._tilt()
+        hand, can = self.controller.hand.copy(), self.body("can")
+        tilt = math.acos(min(max(self.data.xmat[self._can_body][8], -1.0), 1.0))
         touch, held_before = self.contacts.touching(), self.grasped
-        self.grasped = touch.pinched or (held_before and self._is_aloft(hand, can))
+        # Contacts of a can that is carried flicker; only one that leaves the hand is dropped.
+        aloft = bool(can[2] > self.goal[2] + ALOFT and math.dist(hand, can) < IN_HAND)
+        self.grasped = touch.pinched or (held_before and aloft)
         delivered = self._is_delivered(can, tilt, touch.can)
         success = delivered and not touch.can and tilt < STANDING and self._can_rests()
+        off_table = np.abs(can[:2]).max() > REACHABLE or can[2] < TABLE_HEIGHT
         state = State(hand, can, self.grasped, self.squeeze(), delivered)
         remaining = 0.0 if success else self.path.remaining(state)
         return Moment(
@@ -127,15 +118,11 @@ class PickPlaceEnv(gym.Env):
             collided=touch.collided,
             grasped=self.grasped,
             success=success,
-            lost=self._is_lost(can, tilt),
+            lost=bool(off_table or (tilt > FALLEN and not self.grasped)),
             dropped=held_before and not self.grasped and not delivered,
             tilt=tilt,
             nearer=self.stages.nearer(state),
         )
-
-    def _is_aloft(self, hand, can):
-        """Contacts of a can that is carried flicker; only one that leaves the hand is dropped."""
-        return bool(can[2] > self.goal[2] + ALOFT and math.dist(hand, can) < IN_HAND)
 
     def _is_delivered(self, can, tilt, touched):
         """Whether the can stands on the goal, having been lifted and then set down there."""
@@ -146,26 +133,15 @@ class PickPlaceEnv(gym.Env):
         down = abs(lift) < DOWN and tilt < LEANING
         return bool(self.lifted and self.lowered and at_goal and down)
 
-    def _is_lost(self, can, tilt):
-        """Whether the can has left the table or lies on its side."""
-        off_table = np.abs(can[:2]).max() > REACHABLE or can[2] < TABLE_HEIGHT
-        return bool(off_table or (tilt > FALLEN and not self.grasped))
-
     def _can_rests(self):
         velocity = self.data.qvel[self._can_dofs : self._can_dofs + 6]
         speed, spin = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
         return bool(speed < AT_REST[0] and spin < AT_REST[1])
 
-    def _tilt(self):
-        """Angle between the can's axis and the vertical, rad."""
-        return math.acos(min(max(self.data.xmat[self._can_body][8], -1.0), 1.0))
-
-    def _remember(self, moment, moved):
-        """Add a step, in which the hand moved so many metres, to the episode's totals."""
+    def _remember(self, moment):
         self.remaining = moment.remaining
         if moment.remaining < self.best:
             self.best, self.advanced = moment.remaining, self.steps
-        self.travelled += moved
         self.squared_deviation += moment.deviation**2
         self.collisions += moment.collided and not self.colliding
         self.colliding = moment.collided
@@ -201,6 +177,7 @@ class PickPlaceEnv(gym.Env):
         hand, can = self.controller.hand, self.body("can")
         reach, carry = can - hand, self.goal - can
         obstacles = self.data.xpos[self._obstacle_bodies] - hand
+        # Progress lost since the best in memory.
         setback = min((self.remaining - self.best) / SHORT_SCALE, MOST_SETBACK)
         entries = (
             (hand - CENTRE) / LENGTH_SCALE,
@@ -212,8 +189,7 @@ class PickPlaceEnv(gym.Env):
             carry / LENGTH_SCALE,
             np.tanh(np.concatenate([reach, carry]) / CLOSE_RANGE),
             obstacles.ravel() / LENGTH_SCALE,
-            [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted)],
-            [setback],  # progress lost since the best in memory
+            [self.closure(), self.squeeze(), float(self.grasped), float(self.lifted), setback],
         )
         return np.concatenate(entries).astype(np.float32)
 

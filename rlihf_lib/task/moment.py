@@ -22,31 +22,18 @@ NEXT_STAGE = 0.05  # metres that reaching a stage for the first time looks like
 class Moment:
     """What an observer can see of one control step; lengths in metres."""
 
-    remaining: float
-    """Remaining path after the step (`IdealPath.remaining`)."""
-    gained: float
-    """Remaining path before the step minus after it."""
-    best: float
-    """Smallest remaining path of the episode before the step."""
-    deviation: float
-    """Distance of the hand from the ideal path."""
-    clearance: float
-    """Distance between hand or held can and the nearest obstacle, at most 15 cm."""
-    collided: bool
-    """Whether hand, arm or held can touches an obstacle."""
-    grasped: bool
-    """Whether the can is held: by thumb and opposing finger, or lifted so and not dropped yet."""
-    success: bool
-    """Whether the can stands on the goal at rest, let go there and not dropped from above."""
-    lost: bool
-    """Whether the can has left the table or lies on its side."""
-    dropped: bool
-    """Whether the hand lost the can in this step, other than on the goal."""
-    tilt: float
-    """Angle between the can's axis and the vertical, rad."""
-    nearer: float
-    """How much nearer than ever before hand or can has come to where it has to go next, as a lay
-    person sees it (`Stages`)."""
+    remaining: float  # path after the step (`IdealPath.remaining`)
+    gained: float  # remaining path before the step minus after it
+    best: float  # smallest remaining path of the episode before the step
+    deviation: float  # of the hand from the ideal path
+    clearance: float  # between hand or held can and the nearest obstacle, at most 15 cm
+    collided: bool  # hand, arm or held can touches an obstacle
+    grasped: bool  # the can is held by thumb and opposing finger, or lifted so and not dropped yet
+    success: bool  # the can stands on the goal at rest, let go there and not dropped from above
+    lost: bool  # the can has left the table or lies on its side
+    dropped: bool  # the hand lost the can in this step, other than on the goal
+    tilt: float  # between the can's axis and the vertical, rad
+    nearer: float  # than ever before to where hand or can has to go next (`Stages`)
 
     def __deepcopy__(self, memo) -> "Moment":
         """Stay as it is: SB3 copies every step's info, and nobody changes a moment."""
@@ -54,8 +41,6 @@ class Moment:
 
 
 class State(NamedTuple):
-    """How far the task has got."""
-
     hand: np.ndarray  # position, metres, (3,)
     can: np.ndarray  # position of its centre, metres, (3,)
     held: bool  # whether the fingers hold the can
@@ -67,20 +52,16 @@ class Stages:
     """Remembers how near each stage has come to its end in an episode; `goal` is the can's."""
 
     def __init__(self, goal: np.ndarray):
-        self._goal = goal
-        self._least: dict[str, float] = {}
+        self._goal, self._least = goal, dict[str, float]()
 
     def nearer(self, state: State) -> float:
-        """Metres by which the present stage is nearer to its end than ever before, 0 for none.
-
-        `NEXT_STAGE` for a stage reached for the first time.
-        """
+        """Metres by which the present stage is nearer to its end than ever before."""
         stage, left = self._present(state)
         before = self._least.get(stage)
         self._least[stage] = left if before is None else min(before, left)
         if before is not None:
             return max(0.0, before - left)
-        farthest = all(STAGES.index(stage) >= STAGES.index(other) for other in self._least)
+        farthest = max(self._least, key=STAGES.index) == stage
         return NEXT_STAGE if farthest and len(self._least) > 1 else 0.0
 
     def _present(self, state):

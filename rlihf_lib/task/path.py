@@ -65,8 +65,7 @@ class Polyline:
         self.detour = detour
         vertices = np.asarray(vertices, float)
         pieces = np.diff(vertices, axis=0)
-        self._lengths = np.linalg.norm(pieces, axis=1)
-        self._starts = vertices[:-1]
+        self._starts, self._lengths = vertices[:-1], np.linalg.norm(pieces, axis=1)
         # Two equal vertices leave a piece without length, whose direction doesn't matter.
         self._directions = pieces / np.maximum(self._lengths, 1e-12)[:, None]
         self._before = np.append(0.0, np.cumsum(self._lengths))
@@ -77,11 +76,7 @@ class Polyline:
         return _nearest(point, self._starts, self._directions, self._lengths)
 
     def remaining(self, point: np.ndarray) -> tuple[float, float]:
-        """Price of going on to the end from `point`, (3,), metres, and where the path is joined.
-
-        The former is min over q of `detour` * |point - q| + length left at q, the latter the length
-        from the start to the best q.
-        """
+        """Metres: least `detour` * |point - q| + length left at q, and length up to the best q."""
         pieces = self._starts, self._directions, self._lengths, self._before
         return _join(point, *pieces, self.detour)
 
@@ -93,31 +88,17 @@ class Polyline:
 
 
 class IdealPath:
-    """The ideal path for one placement.
+    """The ideal path of a hand, from where it starts, and of a can's centre to the goal, (3,) each.
 
-    Parameters
-    ----------
-    hand : array-like, shape (3,)
-        Where the hand starts, metres.
-    can, goal : array-like, shape (3,)
-        Centre of the can before it is touched and when it is placed, metres.
-
-    Attributes
-    ----------
-    reach, carry : ndarray, shape (n, 3)
-        Vertices of the way to the can and of the way with it.
-    length, carry_length : float
-        Length of both, and of the way with the can, metres.
-    start_remaining : float
-        Remaining path at the start: about `length` + 0.16 m.
+    In metres: `reach` and `carry`, vertices (n, 3) of the way to the can and with it; the latter's
+    `carry_length`, both's `length`; `start_remaining`, at the start, about `length` + 0.16.
     """
 
     def __init__(self, hand, can, goal):
         hand, can, goal = (np.asarray(p, float) for p in (hand, can, goal))
         up, height = np.array([0, 0, 1.0]), can[2] + LIFT
         self.reach = np.array([hand, can + HOVER * up, can])
-        via = [np.array([*xy, height]) for xy in VIA]
-        self.carry = np.array([can, can + LIFT * up, *via, [*goal[:2], height], goal])
+        self.carry = np.array([can, *([*xy, height] for xy in (can[:2], *VIA, goal[:2])), goal])
         self._descent = Polyline([HOVER * up, 0 * up], REACH_DETOUR)
         self._reach, self._carry = Polyline(self.reach), Polyline(self.carry)
         self.carry_length = self._carry.length
@@ -131,25 +112,18 @@ class IdealPath:
         carry = self._carry.remaining(state.can)[0]
         if state.held:
             # Fingers that touch the can without squeezing it let it slip when it is lifted.
-            hold = 0.5 * GRASP_WORTH * (1 - state.squeeze)
-            return float(carry + hold + RELEASE_WORTH)
-        reach = self._remaining_reach(state.hand - state.can)
+            return float(carry + 0.5 * GRASP_WORTH * (1 - state.squeeze) + RELEASE_WORTH)
+        # Straight to the hovering point and down; low beside the can, where that would sweep it
+        # aside, height lost costs `REACH_DETOUR`.
+        offset = state.hand - state.can
+        too_low = max(0.0, HOVER / 2 - offset[2])
+        straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + REACH_DETOUR * too_low
+        reach = float(min(self._descent.remaining(offset)[0], straight))
         # A hand closed too early has to open again: that is part of the way left.
         near = min(max((FAR - reach) / (FAR - NEAR), 0.0), 1.0)
         closing = GRASP_WORTH * (1 + 0.5 * state.squeeze * (1 - 2 * near))
         # Pushing the can away makes the way longer, pushing it along doesn't make it shorter.
         return float(reach + closing + max(self.carry_length, carry) + RELEASE_WORTH)
-
-    def _remaining_reach(self, offset):
-        """Length left to the can from a hand that is `offset`, (3,), away from it, metres.
-
-        Straight to the hovering point and down; low beside the can, where that would sweep it
-        aside, height lost costs `REACH_DETOUR`.
-        """
-        beside, _ = self._descent.remaining(offset)
-        too_low = max(0.0, HOVER / 2 - offset[2])
-        straight = np.linalg.norm(offset - [0, 0, HOVER]) + HOVER + REACH_DETOUR * too_low
-        return float(min(beside, straight))
 
     def deviation(self, hand: np.ndarray) -> float:
         """Distance from `hand`, (3,), to the nearest point of the ideal path, metres."""
@@ -166,10 +140,6 @@ def path_efficiency(ideal: float, executed: float, completed: float) -> float:
     The paper's ratio "between the length of the ideal trajectory and the agent's actual
     trajectory" would exceed 1 for a robot that gives up early; so the ideal length is weighted by
     the share of the path completed, as success-weighted path length (Anderson et al. 2018) does.
-
-    Returns
-    -------
-    float
-        In [0, 1]; 0 if the hand didn't move.
+    In [0, 1]; 0 if the hand didn't move.
     """
     return float(min(1.0, completed * ideal / executed)) if executed > 0 else 0.0

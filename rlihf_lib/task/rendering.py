@@ -12,20 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-BACKENDS = ("egl", "osmesa")
-PICTURE_SIZE, FILM_SIZE = (960, 720), (320, 240)  # pixels
-PICTURE_DISTANCE, FILM_DISTANCE = 1.6, 1.2  # metres of the camera from what it looks at
+# Width and height in pixels, and metres of the camera from what it looks at.
+PICTURE, FILM = (960, 720, 1.6), (320, 240, 1.2)
 FILM_COLOURS = 64  # of the palette; keeps a film to a few hundred kB
-FRAME_TIME = 100  # milliseconds, as a control step takes
 
 
 def render(path: str | Path, seed: int = 0) -> str:
     """Render the placement of a seed, as the person facing the robot sees it, to a PNG file.
 
-    Returns
-    -------
-    str
-        The OpenGL library used; empty, and no file written, where there is none.
+    Return the OpenGL library used; empty, and no file written, where there is none.
     """
     return _in_own_process(path, seed)
 
@@ -33,10 +28,7 @@ def render(path: str | Path, seed: int = 0) -> str:
 def film(path: str | Path, qpos: np.ndarray, seed: int) -> str:
     """Render a rollout in the placement of a seed to a GIF file; see `render`.
 
-    Parameters
-    ----------
-    qpos : ndarray, shape (n_frames, nq)
-        Generalised positions, one frame each (`rlihf_lib.rl.evaluation.Recording`).
+    `qpos` are generalised positions, (n_frames, nq), as in `rlihf_lib.rl.evaluation.Recording`.
     """
     with tempfile.TemporaryDirectory() as folder:
         positions = Path(folder) / "qpos.npy"
@@ -45,10 +37,10 @@ def film(path: str | Path, qpos: np.ndarray, seed: int) -> str:
 
 
 def _in_own_process(*arguments):
-    for backend in BACKENDS:
+    for backend in ("egl", "osmesa"):
         environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
         command = [sys.executable, "-m", __spec__.name, *map(str, arguments)]
-        done = subprocess.run(command, env=environment, capture_output=True, check=False)
+        done = subprocess.run(command, env=environment, capture_output=True)
         if done.returncode == 0 and Path(arguments[0]).is_file():
             return backend
     return ""
@@ -64,12 +56,11 @@ def _render_here(path, seed, positions=None):
 
     env = PickPlaceEnv(workspace=Workspace(fast=False))  # the fast one has no visual meshes
     env.reset(seed=int(seed))
-    width, height = FILM_SIZE if positions else PICTURE_SIZE
+    width, height, distance = FILM if positions else PICTURE
     env.model.vis.global_.offwidth, env.model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
     camera.lookat[:] = [-0.2, 0.0, 1.0]
-    camera.distance = FILM_DISTANCE if positions else PICTURE_DISTANCE
-    camera.azimuth, camera.elevation = 160.0, -25.0
+    camera.distance, camera.azimuth, camera.elevation = distance, 160.0, -25.0
     options = mujoco.MjvOption()
     options.geomgroup[0], options.geomgroup[1] = 0, 1  # meshes, not collision shapes
     options.sitegroup[:] = 0
@@ -80,13 +71,12 @@ def _render_here(path, seed, positions=None):
             mujoco.mj_forward(env.model, env.data)
             renderer.update_scene(env.data, camera, options)
             frames.append(Image.fromarray(renderer.render()))
-    animated = {}
-    if positions:
-        frames = [frame.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for frame in frames]
-        animated = {"save_all": True, "append_images": frames[1:], "duration": FRAME_TIME}
-        animated |= {"loop": 0, "optimize": True}
     with atomic_path(path) as temporary:
-        frames[0].save(temporary, "GIF" if positions else "PNG", **animated)
+        if not positions:
+            return frames[0].save(temporary, "PNG")
+        first, *others = (f.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for f in frames)
+        animated = {"save_all": True, "append_images": others, "loop": 0, "optimize": True}
+        first.save(temporary, "GIF", **animated, duration=100)  # ms, as a control step takes
 
 
 if __name__ == "__main__":

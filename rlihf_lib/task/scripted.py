@@ -43,8 +43,8 @@ def _towards(env, target, gripper):
 
 def hover(env) -> np.ndarray:
     """Wait above the can."""
-    target = env.body("can") + ABOVE
-    return np.append(np.clip((target - env.controller.goal_pos) / STEP_LENGTH, -1, 1), OPEN)
+    way = env.body("can") + ABOVE - env.controller.goal_pos
+    return np.append(np.clip(way / STEP_LENGTH, -1, 1), OPEN)
 
 
 def oscillate(env) -> np.ndarray:
@@ -78,6 +78,4 @@ def knock_things_off(env) -> np.ndarray:
     return np.append(np.clip(way / STEP_LENGTH, -1, 1), CLOSE)
 
 
-EXPLOITERS = (
-    hover, oscillate, hold_in_the_air, push_along_the_table, sit_still, knock_things_off
-)  # fmt: skip
+EXPLOITERS = hover, oscillate, hold_in_the_air, push_along_the_table, sit_still, knock_things_off

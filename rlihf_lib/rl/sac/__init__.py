@@ -25,7 +25,7 @@ holds it:
 5. Temperature, down -log alpha (mean log pi(a|s) + target entropy). As SB3.
 6. Targets, T_i moves the share tau of the way to Q_i. As SB3.
 7. Gradients of 3 to 5. SB3 asks autograd; here the same arithmetic is written out (`passes`,
-   `kernels`, `adam`), as more than half of the time goes into bookkeeping for networks this small.
+   `learner`), as more than half of the time goes into bookkeeping for networks this small.
    Up to rounding the same: `test_update_equals_that_of_stable_baselines3`,
    `test_batch_size_may_change`, `test_saved_learner_goes_on_as_it_would_have`.
 8. Acting, a = tanh(mean + deviation * noise). SB3 builds a distribution, and validates it, every

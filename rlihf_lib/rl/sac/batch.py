@@ -1,26 +1,16 @@
 """Batches of n-step transitions, drawn from Stable-Baselines3's replay buffer."""
 
-from typing import NamedTuple
-
 import numba
 import numpy as np
 import torch
 
-
-class Memory(NamedTuple):
-    """Arrays of a replay buffer, shape (n, n_envs, ...)."""
-
-    observations: np.ndarray
-    actions: np.ndarray
-    next_observations: np.ndarray
-    rewards: np.ndarray
-    dones: np.ndarray
-    timeouts: np.ndarray
+# Arrays of a replay buffer, shape (n, n_envs, ...).
+MEMORY = ("observations", "actions", "next_observations", "rewards", "dones", "timeouts")
 
 
 @numba.njit(cache=True)
-def _fill_in(memory, drawn, limits, batch):
-    """Fill in what `Batch` holds: transitions from `drawn` on, (2, n) of steps and environments.
+def _fill_in(memory, starts, envs, limits, batch):
+    """Fill in what `Batch` holds: transitions from steps `starts` of environments, (n,), on.
 
     Each is followed for n_steps, until its episode or the buffer, at `newest`, ends.
     """
@@ -29,7 +19,7 @@ def _fill_in(memory, drawn, limits, batch):
     n_steps, gamma, newest = limits
     size, n_observations, n_actions = len(returns), observations.shape[2], actions.shape[2]
     for i in range(size):  # loops, as Numba takes twice as long to copy slices this short
-        at, env = drawn[0, i], drawn[1, i]
+        at, env = starts[i], envs[i]
         for j in range(n_observations):
             rows[i, j] = rows[2 * size + i, j] = observations[at, env, j]
         for j in range(n_actions):
@@ -59,17 +49,14 @@ class Batch:
     """
 
     def __init__(self, policy, size: int, noise: tuple[float, float]):
-        n_observations, n_actions = (
-            space.shape[0] for space in (policy.observation_space, policy.action_space)
-        )
+        (n_observations,), (n_actions,) = policy.observation_space.shape, policy.action_space.shape
         self.size = size
         self._rows = torch.empty(3 * size, n_observations + n_actions)
         self.now, self.later, self.taken = self._rows.split(size)
         self.states = self._rows[: 2 * size, :n_observations]
         self.policy_actions = self._rows[: 2 * size, n_observations:].numpy()
         self.returns, self.discounts = np.empty((2, size), np.float32)
-        self._noisy = any(noise)
-        self._noise = torch.empty_like(self.taken)
+        self._noisy, self._noise = any(noise), torch.empty_like(self.taken)
         self._scale = torch.tensor([noise[0]] * n_observations + [noise[1]] * n_actions)
 
     def draw(self, buffer, n_steps: int, gamma: float) -> None:
@@ -77,9 +64,8 @@ class Batch:
         filled = buffer.buffer_size if buffer.full else buffer.pos
         starts = np.random.randint(0, filled, size=self.size)  # noqa: NPY002 (as SB3 does)
         envs = np.random.randint(0, buffer.n_envs, size=self.size)  # noqa: NPY002
-        memory = Memory(*(getattr(buffer, name) for name in Memory._fields))
+        memory = tuple(getattr(buffer, name) for name in MEMORY)
         limits = n_steps, gamma, (buffer.pos - 1) % buffer.buffer_size
-        batch = self._rows.numpy(), self.returns, self.discounts
-        _fill_in(memory, np.stack([starts, envs]), limits, batch)
+        _fill_in(memory, starts, envs, limits, (self._rows.numpy(), self.returns, self.discounts))
         if self._noisy:  # else the random numbers stay those of SB3
             self.taken.addcmul_(self._noise.normal_(), self._scale)

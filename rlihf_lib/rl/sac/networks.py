@@ -59,9 +59,8 @@ class StackedPolicy(SACPolicy):
         x = observation
         for layer in self._hidden:
             x = torch.relu(F.linear(x, layer.weight, layer.bias))
-        action, log_std = (
-            F.linear(x, head.weight, head.bias) for head in (self.actor.mu, self.actor.log_std)
-        )
+        heads = self.actor.mu, self.actor.log_std
+        action, log_std = (F.linear(x, head.weight, head.bias) for head in heads)
         if not deterministic:
             log_std = log_std.clamp(LOG_STD_MIN, LOG_STD_MAX)
             action = action + torch.randn_like(action) * log_std.exp()
@@ -73,5 +72,4 @@ class StackedPolicy(SACPolicy):
     def make_critic(self, features_extractor=None) -> Any:
         """Build one set of critics."""
         n_in = self.observation_space.shape[0] + self.action_space.shape[0]
-        settings = self.critic_kwargs
-        return StackedCritic(n_in, settings["net_arch"], settings["n_critics"])
+        return StackedCritic(n_in, self.critic_kwargs["net_arch"], self.critic_kwargs["n_critics"])
