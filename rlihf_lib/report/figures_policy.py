@@ -170,7 +170,7 @@ def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str) 
     name_axes(axes[0], runs, "return")
     axes[0].set_ylabel(f"Training return ({style.label(condition)})")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):
-        group_curves(runs, ax, [condition], metric)
+        group_curves(runs, ax, style.ordered(runs["group"]), metric)
         name_axes(ax, runs, metric)
     return fig
 
