@@ -1,7 +1,5 @@
 """EEGNet: the published network, layer by layer.
 
-References
-----------
 Lawhern, Solon, Waytowich, Gordon, Hung, Lance (2018). EEGNet: a compact convolutional neural
 network for EEG-based brain-computer interfaces. J. Neural Eng. 15, 056013 (its Table 2).
 """

@@ -1,7 +1,4 @@
-"""Files of EEG: continuous EEGLAB recordings, and a folder of epochs of one's own.
-
-Epochs are MNE files ``sub-XX[_ses-YY]_epo.fif``.
-"""
+"""Continuous EEGLAB recordings; folders of one's own epochs, ``sub-XX[_ses-YY]_epo.fif`` of MNE."""
 
 import re
 from pathlib import Path
@@ -16,7 +13,6 @@ from rlihf_lib.eeg.channels import refuse_unlocated, require_channels, set_posit
 TYPES = ("eeg", "eog")
 EVENT_ID = {"correct": 1, "error": 2}
 _FILE = re.compile(r"sub-([^_]+)(?:_ses-([^_]+))?_epo\.fif")
-_FDT_ITEM = 4  # bytes of a sample
 
 
 def read_eeglab(path) -> mne.io.RawArray:
@@ -40,11 +36,11 @@ def read_eeglab(path) -> mne.io.RawArray:
             "data with the option 'Save files in v6 format' (File > Preferences)"
         ) from problem
     names = _channel_names(recorded.ch_names, path)
-    file, expected = Path(recorded.filenames[0]), len(names) * recorded.n_times * _FDT_ITEM
+    file, expected = Path(recorded.filenames[0]), len(names) * recorded.n_times * 4
     if file.suffix == ".fdt" and (size := file.stat().st_size) != expected:
         raise ValueError(
             f"{file} has {size} bytes, expected {expected} ({len(names)} channels x "
-            f"{recorded.n_times} samples x {_FDT_ITEM} bytes); it is truncated or belongs to "
+            f"{recorded.n_times} samples x 4 bytes); it is truncated or belongs to "
             "another .set, copy it anew"
         )
     data, sfreq = recorded.get_data(), recorded.info["sfreq"]

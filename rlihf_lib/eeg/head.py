@@ -18,7 +18,6 @@ from rlihf_lib.eeg.hri import CHANNELS, EOG_CHANNELS, SFREQ
 
 #: Electrode of the 10-20 system nearest to each EOG electrode: outer canthi and central forehead.
 _EOG_PLACES = {"EOG1": "AF9", "EOG2": "AF10", "EOG3": "Fpz"}
-_MASTOIDS = ("TP9", "TP10")
 _N_SHELL, _SHELL_RADIUS, _SHELL_BASE = 216, 0.40, -0.5  # dipoles, head radii, cosine from the top
 _ALPHA_PLACES = ((-0.25, -0.65, 0.15), (0.25, -0.65, 0.15), (0.0, -0.55, 0.40))
 _ALPHA_DIRECTIONS = ((-0.3, -1.0, 0.2), (0.3, -1.0, 0.2), (0.0, -1.0, 0.5))
@@ -33,7 +32,7 @@ N_MOVEMENTS, MOVEMENT_SIZE = 12, 120  # a recording; uV, SD over electrodes
 @lru_cache
 def _model():
     """Electrodes (MNE Info), sphere model, its centre and head radius in m."""
-    places = [_EOG_PLACES.get(name, name) for name in (*CHANNELS, *_MASTOIDS)]
+    places = [_EOG_PLACES.get(name, name) for name in (*CHANNELS, "TP9", "TP10")]
     info = mne.create_info(places, SFREQ, "eeg")
     info.set_montage("standard_1020", verbose="error")
     sphere = mne.make_sphere_model("auto", "auto", info, verbose="error")

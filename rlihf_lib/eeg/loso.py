@@ -165,10 +165,8 @@ def _score(decoder, validation, table, settings):
     p_validation = scores.probability(validation["log_odds"], decoder.temperature, decoder.prior)
     rng = np.random.default_rng(settings.seed)
     p_error, p_raw, labels = (table[name] for name in ("p_error", "p_error_raw", "label"))
-    validated = [
-        scores.auroc(rows["log_odds"].to_numpy(), rows["label"].to_numpy())
-        for _, rows in validation.groupby(["network", "subject"])
-    ]
+    decoded = validation.groupby(["network", "subject"])[["log_odds", "label"]]
+    validated = [scores.auroc(*rows.to_numpy().T) for _, rows in decoded]
     row = {
         "subject": table["subject"][0],
         "accuracy_pretrain": scores.accuracy(p_validation, validation["label"]),

@@ -79,8 +79,7 @@ class StreamDecoder:
         self._picks = [channels.index(name) for name in layout.channels]
         offset = round(layout.tmin * layout.sfreq)
         self.buffer = RingBuffer(len(self._picks), layout.n_times, offset)
-        self.latencies: list[float] = []
-        """Seconds from having an epoch's last sample to having its p(error), per event."""
+        self.latencies: list[float] = []  # s from an event's last sample to its p(error)
 
     def mark(self, sample) -> None:
         """Announce a feedback event; see `RingBuffer.mark`."""
