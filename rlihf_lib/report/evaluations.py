@@ -68,10 +68,7 @@ def add_phase(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def late_scores(runs: pd.DataFrame) -> pd.DataFrame:
-    """Average each run over the late phase: the score by which runs are compared.
-
-    A row per run: group, person, subject, w_hf, seed, run and the metrics.
-    """
+    """Average each run over the late phase, a row per run: the score by which runs are compared."""
     keys = ["group", "person", "subject", "w_hf", "seed", "run"]
     return runs[runs["phase"] == "Late"].groupby(keys)[list(METRICS)].mean().reset_index()
 
@@ -91,10 +88,7 @@ def units(runs: pd.DataFrame, metric: str) -> np.ndarray:
 
 
 def unit_means(table: pd.DataFrame) -> pd.DataFrame:
-    """Average rows, one per run and indexed by subject (among others), over what was drawn.
-
-    A row per person; the rows themselves where there is one person or none.
-    """
+    """Average each person's rows, a run each, indexed by subject; as they are of one or none."""
     people = table.groupby(level="subject")
     return people.mean() if people.ngroups > 1 else table
 
@@ -111,7 +105,5 @@ def described(runs: pd.DataFrame) -> str:
     """Caption of figures: how many runs of what there are, and how their scatter is drawn."""
     sizes = {group: size(chosen) for group, chosen in runs.groupby("group", sort=False)}
     words = ", ".join(f"{label(group)} {sizes[group]}" for group in ordered(sizes))
-    return (
-        f"{words}; bands and bars: 95 % bootstrap intervals ({MIN_UNITS} people or seeds at least; "
-        "below, thin lines and dots are runs)"
-    )
+    least = f"{MIN_UNITS} people or seeds at least; below, thin lines and dots are runs"
+    return f"{words}; bands and bars: 95 % bootstrap intervals ({least})"

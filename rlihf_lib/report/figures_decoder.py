@@ -1,7 +1,4 @@
-"""Figures of the decoder: Fig. 5, how far p(error) can be trusted, what the networks look at.
-
-Each function takes a table or a decoder, draws, and returns the figure.
-"""
+"""Figures of the decoder: Fig. 5, how far p(error) can be trusted, what the networks look at."""
 
 import matplotlib.pyplot as plt
 import mne

@@ -146,14 +146,19 @@ def figure_6(runs: pd.DataFrame, metric: str = "return") -> Figure:
     """
     fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.9))
     group_curves(runs, ax, ("sparse", "dense"), metric)
-    weights = list(runs[runs["group"] == "rlihf"].groupby("w_hf"))
-    looks = zip(weights, style.shades(len(weights)), cycle("os^Dv"), strict=False)
-    for (weight, chosen), shade, marker in looks:
-        name = f"RLIHF, $w_{{hf}}$ = {weight:g}"
-        learning_curve(chosen, ax, metric, color=shade, marker=marker, markersize=3, label=name)
+    weights = _by_weight(runs[runs["group"] == "rlihf"])
+    for (chosen, look), marker in zip(weights, cycle("os^Dv"), strict=False):
+        learning_curve(chosen, ax, metric, marker=marker, markersize=3, **look)
     name_axes(ax, runs, metric)
     fig.legend(loc="outside upper center", ncols=2)
     return fig
+
+
+def _by_weight(rows):
+    """Part rows by the weight of human feedback, each with its name and colour: heavier, darker."""
+    weights = list(rows.groupby("w_hf"))
+    for (weight, chosen), shade in zip(weights, style.shades(len(weights)), strict=True):
+        yield chosen, {"label": f"RLIHF, $w_{{hf}}$ = {weight:g}", "color": shade}
 
 
 def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str) -> Figure:
@@ -233,17 +238,15 @@ def trade_off_figure(runs: pd.DataFrame) -> Figure:
     late = late.assign(seconds=CONTROL_STEP * late["steps"], cm=100 * late["min_clearance"])
     fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.6))
     placed = late.groupby(["group", "w_hf", "subject", "run"])[["seconds", "cm"]].mean()
-    rlihf = list(placed.query("group == 'rlihf'").groupby("w_hf"))
-    curves = [(style.label("dense"), placed.query("group == 'dense'"), style.color("dense"))]
-    for (weight, scores), shade in zip(rlihf, style.shades(len(rlihf)), strict=True):
-        curves.append((f"RLIHF, $w_{{hf}}$ = {weight:g}", scores, shade))
-    for name, scores, shade in curves:
+    dense = {"label": style.label("dense"), "color": style.color("dense")}
+    weights = _by_weight(placed.query("group == 'rlihf'"))
+    for scores, look in [(placed.query("group == 'dense'"), dense), *weights]:
         if len(scores):
             means = unit_means(scores)
             (x, y), intervals = means.mean(), st.mean_interval(means)
             arms = np.abs(intervals - [[x, y]])
-            ax.plot(*scores.to_numpy().T, color=shade, **RUNS)
-            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], fmt="D", ms=4, color=shade, label=name)
+            ax.plot(*scores.to_numpy().T, color=look["color"], **RUNS)
+            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], fmt="D", ms=4, **look)
     if not len(late):
         ax.text(0.5, 0.5, "no run places the can", transform=ax.transAxes, ha="center")
     ax.set(xlabel="Time to place the can (s)", ylabel=AXIS_LABELS["min_clearance"])
@@ -304,6 +307,6 @@ def decoder_policy_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
         f"\np = {r['p']:.2g} (smallest possible: {r['smallest_p']:.2g})"
     )
     ax.set(xlabel="AUROC of the held-out person", ylabel="Success rate, late phase")
-    ax.set(ylim=(-0.05, 1.05))
-    ax.legend(loc="best")
+    ax.set_ylim(-0.05, 1.05)
+    ax.legend()
     return fig

@@ -152,7 +152,7 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
             for ax, view in ((top, FROM_ABOVE), (side, FROM_FRONT)):
                 path = run.hand[:, view]
                 ax.plot(*path.T, color=shade, lw=1, alpha=0.8)
-                ax.plot(*path[-1], "*" if run.success else "x", color=shade, ms=6)
+                ax.plot(*path[-1], marker="*" if run.success else "x", color=shade, ms=6)
         placed = sum(run.success for run in runs)
         label = f"{LABELS[condition]}: {placed} of {len(runs)} runs place the can"
         top.plot([], [], color=shade, label=label)

@@ -26,15 +26,11 @@ COLORS |= {"correct": "#0072B2", "error": "#D55E00"}
 COLORS |= {"pretrain": "#F0E442", "online": "#E69F00"}  # the paper's Fig. 5: yellow, orange bars
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
-#: Of chance levels and other lines to compare with.
+#: Of chance levels and other lines to compare with; of single people or runs behind their mean.
 REFERENCE: dict[str, Any] = {"color": "#888888", "lw": 0.8, "ls": (0, (2, 2))}
-#: Of single people or runs behind their mean.
 BEHIND: dict[str, Any] = {"color": "#BBBBBB", "lw": 0.7}
-
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches of a two-column conference page (ieeeconf, letter)
-
-# On top of seaborn's "paper".
-RC = {
+RC = {  # on top of seaborn's "paper"
     "figure.dpi": 120,
     "savefig.dpi": 200,
     "figure.constrained_layout.use": True,
@@ -53,8 +49,7 @@ RC = {
 
 def use_style() -> None:
     """Set the defaults of seaborn and Matplotlib for a two-column paper."""
-    # The font that comes with Matplotlib, so that figures are the same on every machine; seaborn's
-    # 9.6 pt become the 8 pt of captions.
+    # Matplotlib's own font, so that figures are the same on every machine; 9.6 pt to captions' 8.
     sns.set_theme("paper", "ticks", font="DejaVu Sans", font_scale=8 / 9.6, rc=RC)
 
 

@@ -61,11 +61,7 @@ def late_table(runs: pd.DataFrame, by: Iterable[str] = ("group",)) -> pd.DataFra
 
 
 def table_1(runs: pd.DataFrame) -> pd.DataFrame:
-    """Table I: phases by methods, with the paper's values in the columns paper_mean, paper_sd.
-
-    Rows of `summarise` for every phase, group and metric of the paper, then those of the groups
-    that the paper hasn't.
-    """
+    """Table I: rows of `summarise` beside its paper_mean and paper_sd; then groups it hasn't."""
     ours = summarise(runs, ["phase", "group"], paper.METRICS)
     ours["phase"] = ours["phase"].astype(str)
     beside = paper.table_1().merge(ours, on=["phase", "group", "metric"], how="left")
