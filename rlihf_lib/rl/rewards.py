@@ -47,9 +47,18 @@ REWARDS = {"path": alignment_reward}
 
 
 def errp_reward(p_error: np.ndarray) -> np.ndarray:
-    """Implicit human feedback, Eq. (4): r = 1 - p(error), both in [0, 1], any shape.
+    """Implicit human feedback, Eq. (4): r = 1 - p(error).
 
-    Never negative: see `notebooks/03` on what that does where success ends an episode.
+    Parameters
+    ----------
+    p_error : ndarray, shape (n,), or float
+        Decoded probability, in [0, 1], that the observer perceived an error.
+
+    Returns
+    -------
+    ndarray, shape (n,), or float
+        Reward in [0, 1]. Never negative: see `notebooks/03` on what that does where success ends
+        an episode.
     """
     return 1.0 - p_error
 

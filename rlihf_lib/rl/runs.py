@@ -134,10 +134,7 @@ class RunConfig:
 
     @property
     def hash(self) -> str:
-        """Hash of the protocol and of everything that isn't left at its default.
-
-        Present and equal in a run folder means done.
-        """
+        """Hash of the protocol and of all that isn't left at its default."""
         return sha256(canonical_json({"protocol": self.protocol, **_changed(self)}))
 
 
