@@ -40,7 +40,7 @@ def vary(
     """
     told = {"subject": subject, "w_hf": w_hf, "seeds": tuple(seeds), "total_steps": total_steps,
             "observer": observer, "reward": reward, "sac": sac}  # fmt: skip
-    told = {n: value for n, value in told.items() if value or n == "w_hf" and w_hf is not None}
+    told = {n: value for n, value in told.items() if value or (n == "w_hf" and w_hf is not None)}
     if not told:
         return study
     if subject and subject not in study.ranked_subjects():
