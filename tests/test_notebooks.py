@@ -1,6 +1,7 @@
 """The notebooks as they are committed, and one smoke run of all of them from nothing."""
 
 import ast
+import inspect
 import json
 import os
 import subprocess
@@ -14,6 +15,7 @@ from rlihf_lib.files import sha256
 from rlihf_lib.regenerate import NOTEBOOKS, READ_EPOCHS, STEPS
 from rlihf_lib.rl.runs import is_done
 from rlihf_lib.study import STAGES, Study
+from rlihf_lib.vary import vary
 
 NAMES = list(dict.fromkeys(step.notebook for step in STEPS))
 PARAMETERS = {
@@ -56,6 +58,10 @@ def test_each_notebook_has_one_parameters_cell_with_the_common_literals(name):
     assert values.pop("live", None) == (False if name.startswith("03") else None)
     assert values.pop("events", None) == (["correct", "error"] if name in READ_EPOCHS else None)
     assert values.pop("drop_channels", None) == ([] if name in READ_EPOCHS else None)
+    if name.startswith("03"):
+        own = list(inspect.signature(vary).parameters)[1:]
+        empty = [values.pop(parameter) for parameter in own]
+        assert not any(empty), "the profile's, until a reader gives another"
     assert values == PARAMETERS
 
 
