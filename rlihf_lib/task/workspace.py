@@ -180,6 +180,7 @@ class Workspace(ManipulationEnv):
         """Open the hand and draw the places of can, goal and obstacles."""
         self.robots[0].gripper["right"].open()
         model, data = self.sim.model._model, self.sim.data._data
+        data.qpos += 0.0  # robosuite's noise of no size leaves -0 as often as 0
         self.placement = {}
         for name, (place, jitter) in PLACES.items():
             xy = place + self._placement_rng.uniform(-jitter, jitter, 2)

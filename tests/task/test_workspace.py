@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -146,6 +147,14 @@ def test_can_placed_stands_on_the_goal_when_the_hand_has_left(placed, who):
     standing = (placed[who]["after"] < 2) & (placed[who]["away"] < PLACED_WITHIN)
     assert len(standing) >= 12 and placed[who]["left"].min() > 0.05
     assert standing.mean() >= 0.95
+
+
+def test_a_joint_at_zero_starts_at_plus_zero_whatever_robosuite_draws():
+    world = Workspace(fast=False)
+    world.rng = SimpleNamespace(standard_normal=lambda n: -np.ones(n))
+    world.reset()
+    qpos = world.sim.data._data.qpos
+    assert (qpos == 0).any() and not np.signbit(qpos[qpos == 0]).any()
 
 
 def test_fast_reset_leaves_the_state_that_robosuites_own_reset_leaves():
