@@ -7,13 +7,6 @@ from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.workspace import Workspace
 
 
-@pytest.fixture(scope="module")
-def env():
-    environment = PickPlaceEnv(horizon=120)
-    yield environment
-    environment.close()
-
-
 def test_fast_control_moves_the_hand_as_robosuites_own_step_does(env):
     stock = PickPlaceEnv(workspace=Workspace(fast=False))
     env.reset(seed=3), stock.reset(seed=3)

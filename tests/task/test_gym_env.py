@@ -1,20 +1,12 @@
 """The environment: interface, seeding, and how a step is judged."""
 
 import numpy as np
-import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from rlihf_lib.rl.evaluation import rollout
 from rlihf_lib.task.gym_env import N_OBSERVATIONS, PickPlaceEnv
 from rlihf_lib.task.scripted import expert_action, sit_still
-
-
-@pytest.fixture(scope="module")
-def env():
-    environment = PickPlaceEnv(horizon=120)
-    yield environment
-    environment.close()
 
 
 def test_environment_passes_both_checkers(env):

@@ -1,19 +1,11 @@
 """The scripted expert."""
 
 import pandas as pd
-import pytest
 
 from rlihf_lib.rl.evaluation import evaluate
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.scripted import expert_action
 from rlihf_lib.task.workspace import Workspace
-
-
-@pytest.fixture(scope="module")
-def env():
-    environment = PickPlaceEnv(horizon=120)
-    yield environment
-    environment.close()
 
 
 def test_expert_places_the_can_on_at_least_95_of_100_placements(env):
