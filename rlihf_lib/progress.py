@@ -44,7 +44,8 @@ class Progress:
         )
 
     def __enter__(self) -> "Progress":
-        self._show()
+        with self._lock:
+            self._show()
         return self
 
     def __exit__(self, *exception) -> None:
@@ -53,29 +54,28 @@ class Progress:
             if self._path:
                 self._path.unlink(missing_ok=True)
 
-    def __str__(self) -> str:
-        return str(self._bar)
-
     def advance(self, name: str, share: float, note: str = "") -> None:
         """Note that the share `share`, in [0, 1], of the work called `name` is done."""
-        self._shares[name] = share
-        self._bar.set_postfix_str(note, refresh=False)
-        self._show()
+        with self._lock:
+            self._shares[name] = share
+            self._bar.set_postfix_str(note, refresh=False)
+            self._show()
 
     def finished(self, name: str) -> None:
         """Count the work called `name` as finished, well or not."""
-        self._shares.pop(name, None)
-        self._finished += 1
-        self._show()
+        with self._lock:
+            self._shares.pop(name, None)
+            self._finished += 1
+            self._show()
 
     def _show(self):
-        with self._lock:
-            if self._bar.disable:  # closed; a late report changes nothing
-                return
-            self._bar.n = self._finished + sum(self._shares.values())
-            self._bar.refresh()
-            if self._path:
-                write_text(self._path, str(self._bar))
+        """Show the state, with the lock held."""
+        if self._bar.disable:  # closed; a late report changes nothing
+            return
+        self._bar.n = self._finished + sum(self._shares.values())
+        self._bar.refresh()
+        if self._path:
+            write_text(self._path, str(self._bar))
 
 
 def read(path: Path) -> str:

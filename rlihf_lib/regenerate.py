@@ -161,7 +161,7 @@ def _shown(title):
         def say(text):
             if terminal:
                 line.set_description_str(text)
-            else:
+            elif text:
                 print(f"{title}: {text}", flush=True)
 
         def watch():
