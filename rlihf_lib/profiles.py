@@ -53,15 +53,12 @@ class Profile:
     """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
 
     def n_runs(self, stage, n_people) -> int:
-        """Count the runs of a stage of `Study.run_configs` if `n_people` are decoded."""
+        """Count the runs of a stage of `Study.run_configs` that waits for `n_people` decoders."""
         main, ablation = (
             min(wanted or n_people, n_people)
             for wanted in (self.n_policy_subjects, self.n_ablation_subjects)
         )
         return {
-            "sparse": len(self.seeds),
-            "tuned": len(self.supplementary_seeds) * len(self.tuned_discounts),
-            "dense": len(self.seeds),
             "rlihf": main * len(self.seeds),
             "controls": len(self.supplementary_seeds) + 2 * len(self.control_seeds),
             "ablation": ablation * len(self.weights) * len(self.ablation_seeds),

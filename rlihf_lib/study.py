@@ -129,7 +129,7 @@ class Study:
         return [subject for subject in self.scores()["subject"] if subject in chosen]
 
     def feedback(self) -> pd.DataFrame:
-        """Return the people's p(error) and that of `rl.feedback.with_controls`, of the median."""
+        """Return the people's p(error), and the controls of the person with the median decoder."""
         return with_controls(self.p_error(), self.median_subject())
 
     def run_configs(self, stage) -> list[RunConfig]:
@@ -203,7 +203,9 @@ class Study:
                 configs = self.run_configs(stage)
             except FileNotFoundError:  # the decoder says later who the policy subjects are
                 done, missing = 0, self.profile.n_runs(stage, N_PEOPLE)
-                new = missing - (stage == "ablation") * missing // len(self.profile.weights)
+                new = missing
+                if stage == "ablation":  # those at the main weight are counted already
+                    new -= missing // len(self.profile.weights)
             else:
                 left = [config for config in configs if not is_done(config, self.runs)]
                 done, missing, new = len(configs) - len(left), len(left), len({*left} - counted)
@@ -216,9 +218,11 @@ class Study:
         """Mean over the study's finished runs; a default before there are any."""
         seconds, steps = 0.0, 0
         for path in self.runs.glob("*/provenance.json"):
-            config = json.loads(path.with_name("config.json").read_text(encoding="utf-8"))
-            seconds += json.loads(path.read_text(encoding="utf-8"))["wall_seconds"]
-            steps += config["total_steps"]
+            wall = json.loads(path.read_text(encoding="utf-8")).get("wall_seconds")
+            config = path.with_name("config.json")
+            if wall and config.is_file():
+                seconds += wall
+                steps += json.loads(config.read_text(encoding="utf-8"))["total_steps"]
         return seconds / steps if steps else SECONDS_PER_STEP
 
 
