@@ -1,4 +1,4 @@
-"""What is computed in README.md, results/README.md and figures/README.md.
+"""What is computed in the pages of `PAGES`.
 
 `python -m tests.pages` writes it anew, between `<!-- name -->` and `<!-- end -->`.
 """
@@ -10,6 +10,7 @@ from itertools import groupby
 import pandas as pd
 
 from rlihf_lib.files import write_text
+from rlihf_lib.report.evaluations import add_phase
 from rlihf_lib.study import REPOSITORY, Study
 from tests.benchmarks.__main__ import BENCHMARKS
 
@@ -64,15 +65,21 @@ def results(study: Study) -> str:
     success = late["success"]
     n_people, n_seeds = len(people), len(study.profile.seeds)
     by_weight = ", ".join(f"{row.mean:.2f} with {row.w_hf:g}" for row in weights.itertuples())
-    accuracy = scores["accuracy_online"]
+    accuracy, figures = scores["accuracy_online"], f"figures/{study.name}"
     rows = [
-        ("Fig. 3", "the task", "the same robot, can, obstacles and goal", "fig3_task", "03"),
+        (
+            "Fig. 3",
+            "the task",
+            "the same robot, can, obstacles and goal",
+            f"{figures}/fig3_task.png",
+            "03",
+        ),
         (
             "Fig. 4",
             "sparse fails, RLIHF comes close to dense",
             f"late return {late['return']['sparse']:.0f} (sparse), {late['return']['dense']:.0f} "
             f"(dense), {late['return']['rlihf']:.0f} (RLIHF)",
-            "fig4_return_by_subject",
+            f"{figures}/fig4_return_by_subject.png",
             "04",
         ),
         (
@@ -80,7 +87,7 @@ def results(study: Study) -> str:
             "late success .00 (sparse), .54 (dense), .39 (RLIHF)",
             f"{success['sparse']:.2f}, {success['dense']:.2f}, {success['rlihf']:.2f}; from "
             f"{people['success'].min():.2f} to {people['success'].max():.2f} by person",
-            "table1_phases",
+            f"results/{study.name}/tables/table1_phases.md",
             "04",
         ),
         (
@@ -88,10 +95,16 @@ def results(study: Study) -> str:
             "decoders are right in 70 to 90 %",
             f"{accuracy.mean():.0%} of held-out epochs, {accuracy.min():.0%} to "
             f"{accuracy.max():.0%} by person",
-            "fig5_decoder_accuracy",
+            f"{figures}/fig5_decoder_accuracy.png",
             "02",
         ),
-        ("Fig. 6", "weight 0.7 learns fastest", f"late success {by_weight}", "fig6_whf", "05"),
+        (
+            "Fig. 6",
+            "weight 0.7 learns fastest",
+            f"late success {by_weight}",
+            f"{figures}/fig6_whf.png",
+            "05",
+        ),
     ]
     lines = [
         f"With {study.eeg_label}, {n_people} people, {n_seeds} seeds, "
@@ -100,9 +113,7 @@ def results(study: Study) -> str:
         "| | paper | ours | notebook |",
         "|---|---|---|---|",
     ]
-    for name, published, ours, file, number in rows:
-        folder, suffix = ("results", ".md") if name == "Table I" else ("figures", ".png")
-        where = f"{folder}/{study.name}/{'tables/' if folder == 'results' else ''}{file}{suffix}"
+    for name, published, ours, where, number in rows:
         notebook = next((REPOSITORY / "notebooks").glob(f"{number}_*.ipynb")).name
         lines.append(
             f"| [{name}]({where}) | {published} | {ours} | [{number}](notebooks/{notebook}) |"
@@ -176,8 +187,7 @@ def pilots_late() -> pd.DataFrame:
     rows = []
     for folder in sorted((REPOSITORY / "results" / "pilots-simulated" / "runs").iterdir()):
         config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-        rollouts = pd.read_csv(folder / "eval.csv")
-        late = rollouts[rollouts["step"] > 2 * config["total_steps"] / 3]
+        late = add_phase(pd.read_csv(folder / "eval.csv")).query("phase == 'Late'")
         person = config["subject"]
         group = folder.name.rpartition("-seed")[0].replace(f"-w{config['w_hf']:g}-{person}", "")
         named = {"group": group, "subject": person, "run": folder.name}
@@ -216,9 +226,10 @@ def gallery(study: Study) -> str:
         entries = json.loads(manifest.read_text(encoding="utf-8"))
         folder = manifest.parent.name
         lines += [f"## {folder}", ""]
-        known = [name for name in CAPTIONS if name in entries]
-        for name in known + sorted(set(entries) - set(known)):
-            entry, words = entries[name], CAPTIONS.get(name, name)
+        for name, words in CAPTIONS.items():
+            if name not in entries:
+                continue
+            entry = entries[name]
             suffix = "gif" if name.startswith("film") else "png"
             lines += [
                 f"![{words}]({folder}/{name}.{suffix})",

@@ -9,7 +9,6 @@ from itertools import chain
 from pathlib import Path
 
 from rlihf_lib.files import write_text
-from tests.benchmarks import decoder, policies
 
 #: What each number is, and what is wanted.
 BENCHMARKS = {
@@ -36,6 +35,8 @@ def main(argv=None):
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the ratios to FILE")
     parser.add_argument("--repeats", type=int, default=5, help="alternating repeats (default 5)")
     options = parser.parse_args(argv)
+    from tests.benchmarks import decoder, policies  # PyTorch and MuJoCo, only to measure
+
     ratios = {"machine": f"{len(os.sched_getaffinity(0))} cores of {_processor()}"}
     print(f"{'what':21}{'measured':>9}  wanted", flush=True)
     for key, value in chain(policies.measure(options.repeats), decoder.measure()):
