@@ -55,15 +55,18 @@ def run_sweep(
     Returns
     -------
     int
-        How many runs were trained. A worker that dies takes only its run with it: Dask starts
-        another, which trains the run from its beginning (three times at most). Files travel through
-        Dask: workers need no common disk.
+        How many runs were trained.
 
     Raises
     ------
     RuntimeError, ValueError
         If a run failed, once the others are finished and kept; if a config names other p(error)
         rows than the table has, before anything is trained.
+
+    Notes
+    -----
+    A worker that dies takes only its run with it: Dask starts another, which trains the run from
+    its beginning (three times at most). Files travel through Dask: workers need no common disk.
     """
     runs_dir, configs = Path(runs_dir), list(dict.fromkeys(configs))
     check_feedback(configs, p_error)

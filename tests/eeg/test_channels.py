@@ -130,7 +130,7 @@ def test_live_decoding_does_not_go_round_the_check(make_epochs, tmp_path, monkey
     config = RunConfig("rlihf", 1, 300, 150, subject="01", w_hf=0.7)
     monkeypatch.setattr(loso, "load_decoder", lambda *_: None)
     with pytest.raises(ValueError, match=r"channel P10 \(AUROC .*\) alone tells"):
-        train_live(study, config, tmp_path / "run")
+        train_live(study, config)
 
 
 def test_auroc_of_one_channel_is_that_of_its_ranks():
