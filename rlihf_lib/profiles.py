@@ -80,6 +80,21 @@ PROFILES = {
             horizon=150,
             eval_rollouts=2,
         ),
+        # A lesson's: from nothing in ten minutes on two cores, and something is learnt.
+        Profile(
+            name="class",
+            n_subjects=4,
+            n_policy_subjects=2,
+            n_ablation_subjects=2,
+            seeds=(0,),
+            supplementary_seeds=(),
+            control_seeds=(),
+            weights=(0.1, 0.7),
+            total_steps=20_000,
+            eval_every=2_500,
+            decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=2, n_permutations=100),
+            horizon=200,
+        ),
         Profile(
             name="quick",
             n_subjects=12,

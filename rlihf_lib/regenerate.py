@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rlihf_lib import progress
+from rlihf_lib.files import write_text
 from rlihf_lib.study import REPOSITORY, Study
 
 NOTEBOOKS = REPOSITORY / "notebooks"
@@ -88,6 +89,7 @@ def _parameters(study, step, workers, recompute):
         "out": "" if study.out == REPOSITORY else str(study.out),
         "workers": workers,
         "recompute": recompute,
+        "ship": True,
         **step.parameters,
     }
     if step.notebook in READ_EPOCHS:
@@ -143,6 +145,27 @@ def execute(notebook: Path, output: Path, parameters) -> None:
                 f"the kernel of notebook {notebook.name} died; was it killed for want of memory?\n"
                 f"  executed copy, as far as it came: {output}"
             ) from error
+    _write_plain(output)
+
+
+def _write_plain(copy):
+    """Leave in an executed copy what its reader sees: equal results make equal files."""
+    import nbformat
+
+    from rlihf_lib.interact import WIDGET
+
+    nb = nbformat.read(copy, as_version=4)
+    nb.metadata["language_info"] = {"name": "python"}  # of any version
+    for name in ("papermill", "widgets"):  # times and paths; sliders of a kernel that is gone
+        nb.metadata.pop(name, None)
+    for number, cell in enumerate(nb.cells):
+        for timed in ("papermill", "execution"):
+            cell.metadata.pop(timed, None)
+        if "injected-parameters" in cell.metadata.get("tags", []):
+            cell.id = f"parameters-{number}"
+        if cell.cell_type == "code":
+            cell.outputs = [o for o in cell.outputs if WIDGET not in o.get("data", {})]
+    write_text(copy, nbformat.writes(nb) + "\n")
 
 
 @contextmanager

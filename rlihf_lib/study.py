@@ -28,7 +28,7 @@ class Study:
 
     Parameters
     ----------
-    profile : {"smoke", "quick", "paper", "pilots"}
+    profile : {"smoke", "class", "quick", "paper", "pilots"}
         How much is computed.
     eeg : str or Path
         "simulated", "hri" (the paper's recordings), or a folder of `sub-XX[_ses-YY]_epo.fif`.
@@ -36,6 +36,9 @@ class Study:
         Where `results/` and `figures/` go; empty for the repository.
     events, drop_channels : sequence of str
         Of a folder of epochs the names of the correct and the error event, and channels left out.
+    ship : bool
+        Whether figures and tables of the repository are replaced; else a reader's go to the folder
+        `yours` beside the runs, which git ignores.
 
     Raises
     ------
@@ -44,7 +47,9 @@ class Study:
         are named for a built-in source.
     """
 
-    def __init__(self, profile="quick", eeg="simulated", out="", events=EVENTS, drop_channels=()):
+    def __init__(
+        self, profile="quick", eeg="simulated", out="", events=EVENTS, drop_channels=(), ship=True
+    ):
         if profile not in PROFILES:
             raise ValueError(f"profile is {profile!r}; choose one of {', '.join(PROFILES)}")
         self.profile = PROFILES[profile]
@@ -61,10 +66,12 @@ class Study:
         self.name = f"{profile}-{self.eeg_name}"
         self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name
-        self.figures = self.out / "figures" / self.name
         self.decoder = self.results / "decoder"
         self.runs = self.results / "runs"
-        self.tables = self.results / "tables"
+        self.shipped_tables = self.results / "tables"
+        self.figures, self.tables = self.out / "figures" / self.name, self.shipped_tables
+        if not ship and self.out == REPOSITORY:
+            self.figures, self.tables = (self.results / "yours" / n for n in ("figures", "tables"))
         self.notebooks = self.results / "notebooks"
         # What `vary` sets: whose feedback trains all policies, and fields of their configs.
         self.subject, self.changes = "", {}
@@ -74,6 +81,11 @@ class Study:
         """Words for figures and tables: whose EEG this is."""
         recorded = {"simulated": "simulated EEG", "hri": "recorded EEG (ErrP-HRI)"}
         return recorded.get(self.eeg_name, f"recorded EEG ({self.eeg_name})")
+
+    def find_table(self, name: str) -> Path:
+        """Path of a table that another notebook has written: by this reader, else as shipped."""
+        path = self.tables / name
+        return path if path.is_file() else self.shipped_tables / name
 
     def subjects(self) -> list[str]:
         """Return the subjects to decode: the first `n_subjects` of the source, in its order."""

@@ -9,8 +9,23 @@ from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.study import Study
 
 
+def choose(people: list[str], subject="") -> str:
+    """Return the person whom a notebook shows where one is shown, the first if not named."""
+    if subject and subject not in people:
+        raise ValueError(f"subject is {subject!r}; choose one of {', '.join(sorted(people))}")
+    return subject or people[0]
+
+
 def vary(
-    study: Study, subject="", w_hf=None, seeds=(), total_steps=0, observer="", reward="", sac=None
+    study: Study,
+    subject="",
+    w_hf=None,
+    seeds=(),
+    total_steps=0,
+    observer="",
+    reward="",
+    sac=None,
+    weights=(),
 ) -> Study:
     """Return the study with other runs; the study itself where nothing is varied.
 
@@ -27,6 +42,8 @@ def vary(
         By name, or a function of the moment; see `RunConfig`.
     sac : dict
         Values of `SACSettings` by name.
+    weights : sequence of float
+        Of human feedback, that notebook 05 compares.
 
     Returns
     -------
@@ -39,15 +56,15 @@ def vary(
         If a name or value is impossible; says which there are.
     """
     told = {"subject": subject, "w_hf": w_hf, "seeds": tuple(seeds), "total_steps": total_steps,
-            "observer": observer, "reward": reward, "sac": sac}  # fmt: skip
+            "observer": observer, "reward": reward, "sac": sac,
+            "weights": tuple(weights)}  # fmt: skip
     told = {n: value for n, value in told.items() if value or (n == "w_hf" and w_hf is not None)}
     if not told:
         return study
-    if subject and subject not in study.ranked_subjects():
-        people = ", ".join(sorted(study.ranked_subjects()))
-        raise ValueError(f"subject is {subject!r}; choose one of {people}")
-    if w_hf is not None and not (isinstance(w_hf, int | float) and 0 <= w_hf <= 10):
-        raise ValueError(f"w_hf is {w_hf!r}; give a number from 0 to 10")
+    choose(study.ranked_subjects(), subject)
+    for name, value in [("w_hf", told.get("w_hf", 0)), *(("weights", w) for w in weights)]:
+        if not (isinstance(value, int | float) and 0 <= value <= 10):
+            raise ValueError(f"{name}: {value!r} is no weight; give a number from 0 to 10")
     if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
         raise ValueError(f"seeds are {seeds!r}; give whole numbers, 0 or more")
     every = study.profile.eval_every
@@ -65,17 +82,19 @@ def vary(
     if sac:
         varied.changes["sac"] = SACSettings(**sac)
     sizes: dict[str, Any] = {
-        name: told[name] for name in ("w_hf", "total_steps", "seeds") if name in told
+        name: told[name] for name in ("w_hf", "total_steps", "seeds", "weights") if name in told
     }
+    if seeds:
+        sizes["ablation_seeds"] = told["seeds"]
     sizes |= {"supplementary_seeds": (), "control_seeds": ()}  # stand beside the profile's runs
     words = ", ".join(f"{name} {_word(value)}" for name, value in told.items())
     varied.profile = replace(study.profile, name=f"{study.profile.name}, {words}", **sizes)
     settings = RunConfig("dense", 0, varied.profile.total_steps, every, **varied.changes).hash
     key = sha256(canonical_json([subject, sizes, settings]))[:8]
-    varied.results, varied.figures = (
-        folder / "varied" / key for folder in (study.results, study.figures)
+    varied.results = study.results / "varied" / key
+    varied.runs, varied.tables, varied.figures = (
+        varied.results / name for name in ("runs", "tables", "figures")
     )
-    varied.runs, varied.tables = varied.results / "runs", varied.results / "tables"
     return varied
 
 

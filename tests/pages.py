@@ -123,7 +123,7 @@ def results(study: Study) -> str:
 
 def decoding(study: Study) -> str:
     """The EEG half in numbers beside the published ones, mean ± sample standard deviation."""
-    scores, lda = study.scores(), pd.read_csv(study.decoder / "lda.csv")
+    scores, lda = study.scores(), pd.read_csv(study.tables / "lda.csv")
     against = _table(study, "decoder_against_published")
     against = against[against["subject"].isin(scores["subject"])]  # without mean, SD, ...
     wave = _table(study, "waves_against_published").set_index("measure")

@@ -14,7 +14,7 @@ import pytest
 from rlihf_lib.files import sha256
 from rlihf_lib.regenerate import NOTEBOOKS, READ_EPOCHS, STEPS
 from rlihf_lib.rl.runs import is_done
-from rlihf_lib.study import STAGES, Study
+from rlihf_lib.study import REPOSITORY, STAGES, Study
 from rlihf_lib.vary import vary
 
 NAMES = list(dict.fromkeys(step.notebook for step in STEPS))
@@ -24,6 +24,14 @@ PARAMETERS = {
     "out": "",
     "workers": 0,
     "recompute": False,
+    "ship": False,
+}
+VARIED = {
+    "01_dataset_preprocessing": ["subject"],
+    "02_loso_decoder": ["subject"],
+    "03_policy_training": [*inspect.signature(vary).parameters][1:-1],
+    "04_metrics_tables": ["subject", "w_hf", "seeds", "total_steps"],
+    "05_whf_ablation": ["subject", "weights", "seeds", "total_steps", "observer", "sac"],
 }
 
 
@@ -58,10 +66,8 @@ def test_each_notebook_has_one_parameters_cell_with_the_common_literals(name):
     assert values.pop("live", None) == (False if name.startswith("03") else None)
     assert values.pop("events", None) == (["correct", "error"] if name in READ_EPOCHS else None)
     assert values.pop("drop_channels", None) == ([] if name in READ_EPOCHS else None)
-    if name.startswith("03"):
-        own = list(inspect.signature(vary).parameters)[1:]
-        empty = [values.pop(parameter) for parameter in own]
-        assert not any(empty), "the profile's, until a reader gives another"
+    empty = [values.pop(parameter) for parameter in VARIED[name]]
+    assert not any(empty), "the profile's, until a reader gives another"
     assert values == PARAMETERS
 
 
@@ -144,3 +150,17 @@ def test_the_simulated_eeg_is_owned_up_to(smoke):
     study, _ = smoke
     for table in study.tables.glob("*.md"):
         assert "simulated EEG" in table.read_text(encoding="utf-8"), table
+
+
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.title)
+def test_shipped_copies_are_in_step_with_their_sources(step):
+    path = Study("quick").notebooks / f"{step.title}.ipynb"
+    copy, text = nbformat.read(path, as_version=4), path.read_text(encoding="utf-8")
+    cells = [c for c in copy.cells if "injected-parameters" not in c.metadata.get("tags", [])]
+    assert [c.source for c in cells] == [c.source for c in read(step.notebook).cells]
+    outputs = [o for c in cells if c.cell_type == "code" for o in c.outputs]
+    assert not [o for o in outputs if o.output_type == "error" or o.get("name") == "stderr"]
+    assert any("image/png" in o.get("data", {}) for o in outputs), "pictures, for the web"
+    assert len(text) < 1_500_000
+    for word in ("PosixPath", str(REPOSITORY), "/root/", "/home/", "Warning", "papermill"):
+        assert word not in text, "only what tells a reader something"

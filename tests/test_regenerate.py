@@ -160,6 +160,22 @@ def test_an_error_names_notebook_cell_last_line_and_executed_copy(notebook, tmp_
     assert "no subject 42" in output.read_text()
 
 
+def test_executed_copies_hold_what_a_reader_sees_and_are_the_same_each_time(notebook, tmp_path):
+    sliders = (
+        "import matplotlib.pyplot as plt\nfrom rlihf_lib.interact import explore\n"
+        "explore(lambda n: plt.figure(figsize=(1, 1)), n=(0, 3, 1))"
+    )
+    path = notebook("seed = 0", sliders, "print(seed)")
+    copies = [tmp_path / "a.ipynb", tmp_path / "b.ipynb"]
+    for copy in copies:
+        execute(path, copy, {"seed": 1})
+    assert copies[0].read_bytes() == copies[1].read_bytes()
+    _, injected, sliders, printed = nbformat.read(copies[0], as_version=4).cells
+    assert injected.source.endswith("seed = 1") and printed.outputs[0].text == "1\n"
+    (picture,) = sliders.outputs
+    assert "image/png" in picture.data, "a picture without sliders"
+
+
 def test_the_command_exits_1_on_an_error_in_a_notebook(notebook, tmp_path, monkeypatch, capsys):
     cell = "\n".join(f"{name} = None" for name in ("profile", "eeg", "out", "workers", "recompute"))
     notebook(cell, "1 / 0").rename(tmp_path / "04_metrics_tables.ipynb")

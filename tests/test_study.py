@@ -1,10 +1,12 @@
 """What a study is made of."""
 
+import subprocess
+
 import pandas as pd
 import pytest
 
 from rlihf_lib.rl.feedback import p_error_sha256
-from rlihf_lib.study import PROFILES, STAGES, Study
+from rlihf_lib.study import PROFILES, REPOSITORY, STAGES, Study
 
 
 def write_decoder(study, aurocs):
@@ -116,3 +118,13 @@ def test_a_table_with_an_impossible_probability_is_refused(tmp_path):
     path.unlink()
     with pytest.raises(FileNotFoundError, match="run notebook 02"):
         study.run_configs("rlihf")
+
+
+def test_a_reader_leaves_what_is_shipped_as_it_is(tmp_path):
+    reader, shipped = Study("quick", ship=False), Study("quick")
+    assert reader.runs == shipped.runs and reader.decoder == shipped.decoder
+    ignored = [reader.figures / "a.png", reader.tables / "a.csv"]
+    done = subprocess.run(["git", "check-ignore", *map(str, ignored)], cwd=REPOSITORY)
+    assert done.returncode == 0, "git would show them as changed"
+    assert reader.find_table("lda.csv") == shipped.tables / "lda.csv", "until there is another"
+    assert Study("quick", out=tmp_path, ship=False).figures == tmp_path / "figures/quick-simulated"

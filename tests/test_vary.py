@@ -3,13 +3,26 @@
 import pytest
 
 from rlihf_lib.study import Study
-from rlihf_lib.vary import vary
+from rlihf_lib.vary import choose, vary
 
 STUDY = Study("quick")
 
 
 def hates_speed(moment):
     return float(moment.best - moment.remaining > 0.01)
+
+
+def test_one_person_is_chosen_by_name_or_is_the_first():
+    assert choose(["s02", "s03"]) == "s02" and choose(["s02", "s03"], "s03") == "s03"
+    with pytest.raises(ValueError, match="subject is 's99'; choose one of s02, s03"):
+        choose(["s02", "s03"], "s99")
+
+
+def test_any_weights_are_compared_for_one_person_with_any_seeds():
+    varied = vary(STUDY, "s04", seeds=[3, 4], weights=[0.2, 1, 3])
+    configs = varied.run_configs("ablation")
+    assert [c.w_hf for c in configs] == [0.2, 0.2, 1, 1, 3, 3]
+    assert {(c.subject, c.seed) for c in configs} == {("s04", 3), ("s04", 4)}
 
 
 def test_nothing_varied_is_the_study_itself():
@@ -24,7 +37,7 @@ def test_varied_runs_have_what_was_asked_for_and_folders_of_their_own():
     assert (config.total_steps, config.sac.n_steps) == (20_000, 1)
     assert config.observer.name == "hates_speed"
     assert varied.runs.is_relative_to(STUDY.results / "varied") and varied.runs != STUDY.runs
-    assert varied.figures.is_relative_to(STUDY.figures / "varied")
+    assert varied.figures.parent == varied.runs.parent
     assert varied.decoder == STUDY.decoder
     assert "hates_speed" in varied.profile.name and "20000" in varied.profile.name
     assert STUDY.run_configs("rlihf")[0].total_steps == 60_000, "the study stays as it was"
@@ -45,8 +58,9 @@ def test_other_values_have_other_folders_and_equal_ones_the_same():
     ("told", "message"),
     [
         ({"subject": "s99"}, "subject is 's99'; choose one of s02"),
-        ({"w_hf": "much"}, "w_hf is 'much'; give a number"),
-        ({"w_hf": -1}, "w_hf is -1; give a number"),
+        ({"w_hf": "much"}, "w_hf: 'much' is no weight; give a number from 0 to 10"),
+        ({"w_hf": -1}, "w_hf: -1 is no weight"),
+        ({"weights": [0.1, 11]}, "weights: 11 is no weight"),
         ({"seeds": [0.5]}, "give whole numbers"),
         ({"total_steps": 1234}, "total_steps is 1234; give a multiple of 5000"),
         ({"observer": "boss"}, "observer is 'boss'; choose one of path, lay"),

@@ -33,7 +33,7 @@ def test_subjects_are_ranked_by_how_well_they_are_decoded(scores):
 
 
 def test_a_line_a_subject_and_their_mean(legend):
-    updates = pd.read_csv(STUDY.decoder / "online_update.csv")
+    updates = pd.read_csv(STUDY.tables / "online_update.csv")
     ax = figures_decoder.online_update_figure(updates).axes[2]
     assert len(ax.lines) == updates["subject"].nunique() + 1
     mean = updates.groupby("n_events")["auroc"].mean()
