@@ -83,7 +83,7 @@ PROFILES = {
         # A lesson's: from nothing in ten minutes on two cores, and something is learnt.
         Profile(
             name="class",
-            n_subjects=4,
+            n_subjects=6,
             n_policy_subjects=2,
             n_ablation_subjects=2,
             seeds=(0,),
@@ -92,8 +92,8 @@ PROFILES = {
             weights=(0.1, 0.7),
             total_steps=20_000,
             eval_every=2_500,
-            decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=2, n_permutations=100),
-            horizon=200,
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=3, n_permutations=100),
+            horizon=100,
         ),
         Profile(
             name="quick",
