@@ -163,7 +163,7 @@ def test_an_error_names_notebook_cell_last_line_and_executed_copy(notebook, tmp_
 def test_executed_copies_hold_what_a_reader_sees_and_are_the_same_each_time(notebook, tmp_path):
     sliders = (
         "import matplotlib.pyplot as plt\nfrom rlihf_lib.interact import explore\n"
-        "explore(lambda n: plt.figure(figsize=(1, 1)), n=(0, 3, 1))"
+        "explore(lambda n: plt.subplots(figsize=(1, 1))[0], n=(0, 3, 1))"
     )
     path = notebook("seed = 0", sliders, "print(seed)")
     copies = [tmp_path / "a.ipynb", tmp_path / "b.ipynb"]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import numpy as np
@@ -127,13 +127,16 @@ def _run(run, jobs, workers) -> Iterator[str]:
         return
     # Spawned, because a forked process inherits the locks of PyTorch's and MNE's threads.
     context, one_thread = get_context("spawn"), partial(torch.set_num_threads, 1)
+    others = set(active_children())
     with ProcessPoolExecutor(workers, context, one_thread) as executor:
         futures = [executor.submit(run, *job) for job in jobs]
         try:
             for future in as_completed(futures):
                 yield future.result()
-        finally:
-            executor.shutdown(cancel_futures=True)
+        except BaseException:  # stopped, too: folds that have begun would take their time
+            for worker in set(active_children()) - others:
+                worker.terminate()
+            raise
 
 
 def _run_fold(cohort, input_format, settings, folder, pool, key):

@@ -1,0 +1,181 @@
+"""JupyterLab in a real browser: Run All, a slider that is moved, a cell that is stopped.
+
+Needs Debian's `chromium`. Screenshots lie in the folder that the environment variable
+RLIHF_SCREENSHOTS names, else in pytest's temporary one.
+"""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import nbformat
+import psutil
+import pytest
+
+from rlihf_lib.regenerate import NOTEBOOKS
+from rlihf_lib.study import Study
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason="there is no chromium here")
+
+# Runs that would take an hour, so that there is something to stop.
+ENDLESS = """
+from rlihf_lib.rl.runs import RunConfig
+from rlihf_lib.rl.sweep import run_sweep
+configs = [RunConfig("sparse", seed, 1_000_000, 500_000, horizon=10) for seed in (0, 1)]
+run_sweep(configs, "runs", workers=2)
+"""
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """JupyterLab on a folder with notebook 05, the runs that it shows, and an endless one."""
+    root = tmp_path_factory.mktemp("lab")
+    study, copy = Study("quick"), Study("quick", out=root / "out")
+    shutil.copytree(study.decoder, copy.decoder)
+    shutil.copytree(study.runs, copy.runs)
+    nb = nbformat.read(NOTEBOOKS / "05_whf_ablation.ipynb", as_version=4)
+    (parameters,) = (c for c in nb.cells if "parameters" in c.metadata.get("tags", []))
+    parameters.source = parameters.source.replace('out = ""', 'out = "out"')
+    nbformat.write(nb, root / "05.ipynb")
+    endless = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(ENDLESS)])
+    endless.metadata["kernelspec"] = nb.metadata["kernelspec"]
+    nbformat.write(endless, root / "endless.ipynb")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "jupyter", "lab", "--no-browser", "--allow-root",
+               f"--port={port}", "--IdentityProvider.token=", "--ServerApp.password=",
+               f"--ServerApp.root_dir={root}", "--LabApp.news_url="]  # fmt: skip
+    environment = os.environ | {"JUPYTER_CONFIG_DIR": str(root / ".jupyter")}
+    with (root / "log").open("w") as log:
+        server = subprocess.Popen(command, cwd=root, env=environment, stdout=log, stderr=log)
+    yield root, f"http://127.0.0.1:{port}/lab"
+    for process in [*psutil.Process(server.pid).children(recursive=True), server]:
+        process.terminate()
+    server.wait(20)
+
+
+@pytest.fixture(scope="module")
+def browser(lab):
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        options = ["--no-sandbox", "--disable-gpu"]
+        chromium = play.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(lab, browser):
+    """Open a notebook of the folder in a page of its own."""
+    _, address = lab
+    pages = []
+
+    def open_notebook(name):
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(60_000)
+        pages.append(page)
+        for _ in range(60):
+            try:
+                page.goto(f"{address}/workspaces/{name}/tree/{name}.ipynb")
+                break
+            except Exception:  # the server isn't up yet
+                time.sleep(0.5)
+        page.wait_for_selector(".jp-Notebook .jp-CodeCell")
+        page.wait_for_selector("[data-status=idle]", state="attached")
+        return page
+
+    yield open_notebook
+    for page in pages:
+        page.close()
+
+
+def menu(page, top, entry):
+    page.click(f".lm-MenuBar-itemLabel:text-is('{top}')")
+    page.click(f".lm-Menu-itemLabel:text-is('{entry}')")
+
+
+def keep(page, root, name):
+    folder = Path(os.environ.get("RLIHF_SCREENSHOTS", root / "screenshots"))
+    folder.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=folder / f"{name}.png")
+
+
+def saved(page, path):
+    """Save the notebook; return its code cells as they lie on disk."""
+    page.keyboard.press("Control+s")
+    deadline = time.time() + 20
+    while time.time() < deadline:
+        cells = nbformat.read(path, as_version=4).cells
+        code = [c for c in cells if c.cell_type == "code"]
+        if code[-1].execution_count:
+            return code
+        time.sleep(0.5)
+    raise AssertionError(f"{path} has not been executed to its end")
+
+
+def test_run_all_and_a_moved_slider(opened, lab):
+    root, _ = lab
+    page = opened("05")
+    menu(page, "Run", "Run All Cells")
+    last = page.locator(".jp-CodeCell").last
+    last.locator(".jp-OutputArea-output", has_text="expected").wait_for(timeout=240_000)
+    for cell in saved(page, root / "05.ipynb"):
+        for output in cell.outputs:
+            assert output.output_type != "error" and output.get("name") != "stderr", cell.source
+    slider = page.locator(".widget-slider .noUi-handle, .widget-dropdown select").first
+    slider.scroll_into_view_if_needed()
+    cell = page.locator(".jp-CodeCell", has=slider)
+    picture = cell.locator("img").last
+    before = picture.get_attribute("src")
+    keep(page, root, "slider-before")
+    control = cell.locator("select").first
+    control.select_option(index=control.locator("option").count() - 1)
+    deadline = time.time() + 30
+    while picture.get_attribute("src") == before and time.time() < deadline:
+        time.sleep(0.2)
+    keep(page, root, "slider-after")
+    assert picture.get_attribute("src") != before, "the picture has not followed the control"
+
+
+def test_the_stop_button_ends_workers_within_seconds(opened, lab):
+    root, _ = lab
+    page = opened("endless")
+    menu(page, "Run", "Run All Cells")
+    bar = page.locator(".jp-OutputArea-output", has_text="runs: 0.0 of 2")
+    bar.wait_for(timeout=120_000)
+    kernels = [p for p in psutil.process_iter() if _argument(p, "ipykernel_launcher")]
+    (kernel,) = (p for p in kernels if _workers(p))
+    time.sleep(5)
+    keep(page, root, "running")
+    workers = _workers(kernel)
+    assert len(workers) >= 2
+    menu(page, "Kernel", "Interrupt Kernel")
+    page.locator(".jp-OutputArea-output", has_text="KeyboardInterrupt").wait_for(timeout=10_000)
+    _, alive = psutil.wait_procs(workers, timeout=5)
+    keep(page, root, "stopped")
+    assert not alive, "workers outlive the stop button"
+
+
+def _argument(process, word):
+    try:
+        return any(word in part for part in process.cmdline())
+    except psutil.Error:
+        return False
+
+
+def _workers(kernel):
+    return [p for p in kernel.children(recursive=True) if _argument(p, "spawn_main")]
+
+
+def test_screenshots_are_kept(lab):
+    root, _ = lab
+    folder = Path(os.environ.get("RLIHF_SCREENSHOTS", root / "screenshots"))
+    names = {path.stem for path in folder.glob("*.png")}
+    assert {"slider-before", "slider-after", "running", "stopped"} <= names
