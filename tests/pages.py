@@ -234,18 +234,27 @@ def gallery(study: Study) -> str:
             lines += [
                 f"![{words}]({folder}/{name}.{suffix})",
                 "",
-                f"**{words}.** [`{entry['notebook']}`](../notebooks/{entry['notebook']}.ipynb); "
+                f"**{words}.** {_notebook(folder, name, entry['notebook'])}; "
                 f"{_sources(entry['sources'])}.",
                 "",
             ]
     return "\n".join(lines).rstrip()
 
 
+def _notebook(study, figure, notebook):
+    """Links to a notebook and, where one is shipped, to the executed copy that shows a figure."""
+    links, copies = f"[`{notebook}`](../notebooks/{notebook}.ipynb)", f"results/{study}/notebooks"
+    for title in (f"{notebook}-{figure.split('_')[-1]}", f"{notebook}-rlihf", notebook):
+        if (REPOSITORY / copies / f"{title}.ipynb").is_file():
+            return f"{links} ([executed](../{copies}/{title}.ipynb))"
+    return links
+
+
 def _sources(sources):
     """Say in short what a figure was drawn from."""
     if not sources:
         return "drawn from the model of the task"
-    folders = sorted(name.rpartition("/")[0] if "/runs/" in name else name for name in sources)
+    folders = sorted({name.rpartition("/")[0] if "/runs/" in name else name for name in sources})
     told = []
     for is_run, names in groupby(folders, key=lambda name: "/runs/" in name):
         names = list(names)

@@ -6,13 +6,14 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import nbformat
 import pandas as pd
 import pytest
 
-from rlihf_lib.files import sha256
 from rlihf_lib.regenerate import NOTEBOOKS, READ_EPOCHS, STEPS
+from rlihf_lib.report.saving import stale
 from rlihf_lib.rl.runs import is_done
 from rlihf_lib.study import REPOSITORY, STAGES, Study
 from rlihf_lib.vary import vary
@@ -142,8 +143,14 @@ def test_every_figure_is_pdf_and_png_and_its_sources_are_unchanged(smoke):
             starts = {"gif": b"GIF89a"}
         for suffix, start in starts.items():
             assert (study.figures / f"{name}.{suffix}").read_bytes().startswith(start)
-        for source, known in entry["sources"].items():
-            assert sha256(study.out / source) == known, (name, source)
+    assert not stale(study)
+    assert {Path(s).name for s in manifest["paths"]["sources"]} == {"actor.safetensors"}
+    run = study.run_configs("dense")[0].run_id
+    table = study.runs / run / "train.csv"
+    content = table.read_bytes()
+    table.write_bytes(content + b"\n")
+    assert set(stale(study)) == {"training_dense", "learner_dense"}, "tampered with"
+    table.write_bytes(content)
 
 
 def test_the_simulated_eeg_is_owned_up_to(smoke):

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from rlihf_lib.files import atomic_path, sha256, write_csv, write_text
+from rlihf_lib.study import REPOSITORY
 
 # Of captions; pandas escapes cells.
 LATEX = str.maketrans({"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "·": r"$\cdot$"})
@@ -55,18 +56,34 @@ def enter(study, name: str, notebook: str, hashes: dict) -> None:
     write_text(study.figures / "manifest.json", text)
 
 
+def stale(study) -> list[str]:
+    """Name the figures whose sources are gone or have changed since they were drawn."""
+
+    def unchanged(source, known):
+        paths = [folder / source for folder in (study.out, REPOSITORY)]
+        return any(path.is_file() and sha256(path) == known for path in paths)
+
+    sources = {name: entry["sources"].items() for name, entry in manifest(study).items()}
+    return [name for name in sources if not all(unchanged(*source) for source in sources[name])]
+
+
 def hash_sources(study, name: str, sources) -> dict[str, str]:
-    """Hash a figure's sources (`save_figure`), named relative to the study's output folder."""
+    """Hash a figure's sources (`save_figure`).
+
+    Named relative to the study's output folder, those of the library to the repository.
+    """
     hashes = {}
     for source in sources:
-        path = Path(source)
-        if not path.is_absolute() and not path.exists():
+        path = REPOSITORY / source  # where `source` is absolute, just that
+        if not path.is_file():
             path = study.runs / str(source) / "eval.csv"
         if not path.is_file():
             raise FileNotFoundError(f"figure {name} is drawn from {source}, but {path} is missing")
         path = path.resolve()
-        inside = path.is_relative_to(study.out)  # manifests hold no home folder
-        hashes[str(path.relative_to(study.out)) if inside else path.name] = sha256(path)
+        # Manifests hold no home folder.
+        folder = study.out if path.is_relative_to(study.out) else REPOSITORY
+        inside = path.is_relative_to(folder)
+        hashes[str(path.relative_to(folder)) if inside else path.name] = sha256(path)
     return hashes
 
 

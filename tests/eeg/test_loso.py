@@ -163,7 +163,7 @@ def trained(tmp_path, monkeypatch):
 
 
 def test_folds_that_have_begun_end_when_somebody_stops_them():
-    threading.Timer(4, signal.raise_signal, [signal.SIGINT]).start()
+    threading.Timer(4, os.kill, [os.getpid(), signal.SIGINT]).start()
     with pytest.raises(KeyboardInterrupt):
         for _ in loso._run(time.sleep, [(1_000,)] * 8, workers=2):
             raise AssertionError("none finishes")
