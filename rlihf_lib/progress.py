@@ -9,6 +9,7 @@ from rlihf_lib.files import write_text
 
 #: Environment variable that names the file. Where it is set, nothing is shown in the notebook.
 VARIABLE = "RLIHF_PROGRESS"
+MOST_NAMED = 4  # of what runs at once
 
 
 class Progress:
@@ -34,7 +35,7 @@ class Progress:
             options = {}
         self._path = Path(path) if path else None
         self._finished = done
-        self._shares: dict[str, float] = {}
+        self._running: dict[str, tuple[float, str]] = {}
         self._lock = threading.Lock()  # work elsewhere reports from another thread
         self._bar = tqdm(
             total=total,
@@ -55,16 +56,18 @@ class Progress:
                 self._path.unlink(missing_ok=True)
 
     def advance(self, name: str, share: float, note: str = "") -> None:
-        """Note that the share `share`, in [0, 1], of the work called `name` is done."""
+        """Note that the share `share`, in [0, 1], of the work called `name` is done.
+
+        What runs is shown beside the bar, each with its share and the last `note` on it.
+        """
         with self._lock:
-            self._shares[name] = share
-            self._bar.set_postfix_str(note, refresh=False)
+            self._running[name] = share, note
             self._show()
 
     def finished(self, name: str) -> None:
         """Count the work called `name` as finished, well or not."""
         with self._lock:
-            self._shares.pop(name, None)
+            self._running.pop(name, None)
             self._finished += 1
             self._show()
 
@@ -72,7 +75,9 @@ class Progress:
         """Show the state, with the lock held."""
         if self._bar.disable:  # closed; a late report changes nothing
             return
-        self._bar.n = self._finished + sum(self._shares.values())
+        self._bar.n = self._finished + sum(share for share, _ in self._running.values())
+        running = [f"{name} {share:.0%}{note}" for name, (share, note) in self._running.items()]
+        self._bar.set_postfix_str(" · ".join(running[:MOST_NAMED]), refresh=False)
         self._bar.refresh()
         if self._path:
             write_text(self._path, str(self._bar))

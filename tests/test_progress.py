@@ -18,8 +18,12 @@ def test_counts_and_estimates_and_leaves_nothing_behind(told):
         assert read(told).startswith("runs: 1.0 of 5 ") and "? to go" in read(told)
         work.advance("a", 0.5)
         assert read(told).startswith("runs: 1.5 of 5 ") and "00:" in read(told)
+        work.advance("b", 0.25, ", success 0.40")
+        assert read(told).endswith("a 50% · b 25%, success 0.40"), "what runs, how far each is"
+        work.finished("b")
+        assert read(told).startswith("runs: 2.5 of 5 ")
         work.finished("a")
-        assert read(told).startswith("runs: 2.0 of 5 ")
+        assert read(told).startswith("runs: 3.0 of 5 ")
     assert not told.exists() and read(told) == ""
     work.advance("b", 0.5)
     assert not told.exists(), "a late report must not bring the file back"

@@ -117,7 +117,7 @@ def _train_on_worker(config, p_error, train):
     worker = get_worker()
 
     def report(step, success):
-        note = f"{config.run_id}: success {success:.2f}"
+        note = f", success {success:.2f}"
         worker.log_event(TOPIC, (config.run_id, step / config.total_steps, note))
 
     return train(config, p_error, report)
