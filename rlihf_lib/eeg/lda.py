@@ -44,17 +44,22 @@ def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFram
     held-out subject but the epoch to decode; LDA needs it. Columns of the table, and of that of
     `within_subject`, are subject, accuracy, balanced_accuracy and auroc.
     """
-    features = {}
-    for subject in cohort:
-        signals, labels, width = _window(subject, cohort[subject], settings)
-        features[subject] = _means(spatial(signals) @ signals, width), labels
+    data = {s: features(s, cohort[s], settings, spatial) for s in cohort}
     rows = []
     for fold in leave_one_subject_out(list(cohort)):
-        pool = fold.training_pool(features)
+        pool = fold.training_pool(data)
         x, y = (np.concatenate(parts) for parts in zip(*pool.values(), strict=True))
-        test, labels = features[fold.test]
+        test, labels = data[fold.test]
         rows.append(_score(fold.test, _decide(x, y, test), labels))
     return pd.DataFrame(rows)
+
+
+def features(
+    subject, epochs, settings=DEFAULTS, spatial=whitening
+) -> tuple[np.ndarray, np.ndarray]:
+    """50-ms means that `across_subjects` decodes, (n, n_channels * n_means), and labels, (n,)."""
+    signals, labels, width = _window(subject, epochs, settings)
+    return _means(spatial(signals) @ signals, width), labels
 
 
 def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:

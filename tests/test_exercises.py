@@ -1,0 +1,157 @@
+"""Exercises of the notebooks: solutions are right, and wrong answers are told so."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+from nbformat.v4 import new_code_cell
+from papermill.iorw import load_notebook_node
+from papermill.parameterize import parameterize_notebook
+
+from rlihf_lib.exercises import judge
+from rlihf_lib.regenerate import NOTEBOOKS
+from rlihf_lib.study import REPOSITORY
+
+TAG = re.compile(r"exercise-(\d+)$")
+FENCED = re.compile(r"<details>.*?```python\n(.*?)\n```.*?</details>", re.S)
+SHIPPED = "results/quick-simulated"
+#: Small enough to be computed here; the other notebooks run on what is shipped for `quick`.
+SMOKE = ("01_dataset_preprocessing", "02_loso_decoder")
+#: Wrong answers to the exercises of a notebook, and a word of the hint.
+WRONG = {
+    "01_dataset_preprocessing": {
+        1: {
+            "def your_peak(t, *_): return -value * t[0, 0] / trials[0, 0], latency": "turned",
+            "def your_peak(t, *_): return value * t[0, 0] / trials[0, 0], 1e3 * latency": "in ms",
+            "def your_peak(*_): return 300": "not return what it is asked for",
+        },
+        2: {
+            "def your_count(peak, sd): return np.ceil((sd / peak) ** 2)": "two are asked",
+            "def your_count(peak, sd): return (2 * sd / peak) ** 2": "round up",
+        },
+    },
+    "02_loso_decoder": {
+        1: {
+            "def your_threshold(miss, false_alarm): return miss / (miss + false_alarm)": "swapped",
+            "def your_threshold(miss, false_alarm): return false_alarm / miss": "odds",
+        },
+        2: {
+            "def your_aurocs(*_): return compared.loc[subjects[0], ['auroc_lda'] * 2]": "leaks",
+            "def your_aurocs(*_): return 0.5, 0.5": "people != held_out",
+        },
+    },
+}
+
+
+def tagged(nb, name):
+    """Position of the one cell with this tag."""
+    (place,) = (i for i, cell in enumerate(nb.cells) if name in cell.metadata.get("tags", []))
+    return place
+
+
+def exercises(nb):
+    """Numbers of the exercises, from the tags of their places to work."""
+    tags = [tag for cell in nb.cells for tag in cell.metadata.get("tags", [])]
+    return [int(found[1]) for found in map(TAG.match, tags) if found]
+
+
+SOURCES = {path.stem: load_notebook_node(str(path)) for path in NOTEBOOKS.glob("*.ipynb")}
+WITH_EXERCISES = sorted(name for name, nb in SOURCES.items() if exercises(nb))
+
+
+class Reader:
+    """Runs a notebook up to its last check, works on exercises, and reads what their checks say."""
+
+    def __init__(self, name, out):
+        self.name = name
+        profile = "smoke" if name in SMOKE else "quick"
+        if profile == "quick":
+            shutil.copytree(REPOSITORY / SHIPPED, out / SHIPPED)
+        parameters = {"profile": profile, "out": str(out), "workers": 1}
+        self.nb = parameterize_notebook(SOURCES[name], parameters)
+        last = tagged(self.nb, f"check-{max(exercises(self.nb))}")
+        self.nb.cells = self.nb.cells[: last + 1]
+        self.client = NotebookClient(self.nb, kernel_name="python3")
+
+    def run(self, source):
+        """What a cell prints, run where the notebook has ended."""
+        self.nb.cells.append(new_code_cell(source))
+        return printed(self.client.execute_cell(self.nb.cells[-1], len(self.nb.cells) - 1))
+
+    def answer(self, number, source):
+        """What the check of an exercise says of an answer."""
+        self.run(source)
+        return self.run(self.nb.cells[tagged(self.nb, f"check-{number}")].source)
+
+
+def printed(cell):
+    """Text that a cell has printed."""
+    return "".join(output.get("text", "") for output in cell.outputs)
+
+
+@pytest.fixture(scope="module", params=WITH_EXERCISES)
+def reader(request, tmp_path_factory):
+    """One of the notebooks, run as it is, in a kernel that stays for all tests."""
+    reader = Reader(request.param, tmp_path_factory.mktemp("exercises"))
+    with reader.client.setup_kernel():
+        for place, cell in enumerate(reader.nb.cells):
+            reader.client.execute_cell(cell, place)
+        yield reader
+
+
+def test_untouched_exercises_are_no_mistake(reader):
+    numbers = exercises(reader.nb)
+    assert numbers == [1, 2]
+    for number in numbers:
+        said = printed(reader.nb.cells[tagged(reader.nb, f"check-{number}")])
+        assert said == f"Exercise {number}: nothing to check yet\n"
+
+
+def test_solutions_that_unfold_are_right(reader):
+    for number in exercises(reader.nb):
+        solution = reader.nb.cells[tagged(reader.nb, f"solution-{number}")].source
+        said = reader.answer(number, FENCED.search(solution)[1])
+        assert said.startswith(f"Exercise {number}: right"), said
+
+
+def test_wrong_answers_get_a_hint(reader):
+    for number in exercises(reader.nb):
+        assert WRONG[reader.name][number]
+        for answer, hint in WRONG[reader.name][number].items():
+            said = reader.answer(number, answer)
+            assert said.startswith(f"Exercise {number}: ") and hint in said, said
+            assert "right." not in said and "nothing to check" not in said, said
+
+
+@pytest.mark.parametrize("name", WITH_EXERCISES)
+def test_an_exercise_is_a_task_a_place_to_work_a_solution_and_a_check(name):
+    nb = SOURCES[name]
+    for number in exercises(nb):
+        work = tagged(nb, f"exercise-{number}")
+        solution, check = (tagged(nb, f"{part}-{number}") for part in ("solution", "check"))
+        assert work < solution < check < len(nb.cells)
+        kinds = [nb.cells[place].cell_type for place in (work, solution, check)]
+        assert kinds == ["code", "markdown", "code"]
+        tasks = [cell for cell in nb.cells[:work] if cell.cell_type == "markdown"]
+        assert any(f"Exercise {number}" in cell.source for cell in tasks)
+
+
+@pytest.mark.parametrize(
+    ("yours", "said"),
+    [
+        (None, "nothing to check yet"),
+        ([None, None], "nothing to check yet"),
+        ([1.0, 2.0005], "right. Well done."),
+        ([2.0, 1.0], "not yet. They are swapped."),
+        ([2.0, 3.0], "not yet. Think."),
+        ([1.0], "not yet. The function does not return what it is asked for."),
+        ([1.0, np.nan], "not yet. The function does not return what it is asked for."),
+        ([[1], [2, 3]], "not yet. The function does not return what it is asked for."),
+        ("one, two", "not yet. The function does not return what it is asked for."),
+    ],
+)
+def test_an_answer_is_told_in_one_sentence(yours, said, capsys):
+    judge(3, yours, [1, 2], {"They are swapped.": [2, 1], "Think.": None}, "Well done.")
+    assert capsys.readouterr().out == f"Exercise 3: {said}\n"
