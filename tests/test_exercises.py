@@ -38,8 +38,8 @@ WRONG = {
             "def your_threshold(miss, false_alarm): return false_alarm / miss": "odds",
         },
         2: {
-            "def your_aurocs(*_): return compared.loc[subjects[0], ['auroc_lda'] * 2]": "leaks",
-            "def your_aurocs(*_): return 0.5, 0.5": "people != held_out",
+            "def your_aurocs(*_): return compared.loc[person, ['auroc_lda'] * 2]": "leaks",
+            "def your_aurocs(*_): return 0.5, 0.5": "owner != held_out",
         },
     },
 }
