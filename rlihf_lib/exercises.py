@@ -1,5 +1,6 @@
 """Exercises of the notebooks: what a reader's answer is worth."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,22 @@ def judge(number: int, yours: Any, right: Any, hints: dict[str, Any], praise: st
         fitting = (hint for hint, wrong in hints.items() if wrong is None or _is(wrong, yours))
         said = " ".join(["not yet.", *list(fitting)[:1]])
     print(f"Exercise {number}: {said}")
+
+
+def check(number: int, yours: Any, verdict: Callable[[Any], tuple[bool, str]]) -> None:
+    """Print whether an answer that has to be tried out is right.
+
+    `verdict(yours)` tries it and returns whether it is right, and a sentence on what was seen. None
+    is an exercise that nobody has begun; what raises is told, so that the notebook goes on.
+    """
+    if yours is None:
+        print(f"Exercise {number}: nothing to check yet")
+        return
+    try:
+        right, words = verdict(yours)
+    except Exception as error:
+        right, words = False, f"It stops with {type(error).__name__}: {error}"
+    print(f"Exercise {number}: {'right' if right else 'not yet'}. {words}")
 
 
 def _is_like(right, yours):
