@@ -25,11 +25,11 @@ CAPTIONS = {
     "the mean over people (Fig. 4)",
     "fig5_decoder_accuracy": "Accuracy of each person's decoder, on validation people and on the "
     "held-out person (Fig. 5)",
-    "fig6_whf": "Evaluation return for three weights of human feedback (Fig. 6)",
+    "fig6_whf": "Return and success for three weights of human feedback (Fig. 6)",
     "fig1_time_clearance": "Time and clearance of late successes, by weight: what feedback buys "
     "(Fig. 1, as data)",
     "eeg_trial_counts": "Correct and error epochs of each person",
-    "eeg_difference_waves": "Error-minus-correct wave at Cz, of each person and their mean",
+    "eeg_waves": "Correct and error waves at Fz, Cz and Pz, and their difference, paired by person",
     "eeg_topographies": "Where on the head the difference shows, and when",
     "eeg_spectra": "Power spectra of EEG and EOG channels",
     "decoder_scores": "AUROC and balanced accuracy of each held-out person, with chance levels",
@@ -52,7 +52,6 @@ CAPTIONS = {
     "safety": "Collisions and clearance during training",
     "paths": "Paths of trained policies round the obstacles, from above",
     "decoder_vs_policy": "Late success against the AUROC of the person's decoder",
-    "whf_success": "Success rate for three weights of human feedback",
 }
 
 

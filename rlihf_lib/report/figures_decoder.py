@@ -4,11 +4,11 @@ import matplotlib.pyplot as plt
 import mne
 import numpy as np
 import pandas as pd
-import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlihf_lib.eeg.scores import N_BINS, reliability
+from rlihf_lib.report.statistics import PROBABILITY, mean_interval
 from rlihf_lib.report.style import BEHIND, COLORS, COLUMN_WIDTH, PAGE_WIDTH, REFERENCE
 
 SCORES = {"accuracy": "Accuracy", "balanced_accuracy": "Balanced accuracy", "auroc": "AUROC"}
@@ -52,21 +52,20 @@ def _arms(scores, column):
 
 def scores_figure(scores: pd.DataFrame) -> Figure:
     """AUROC and balanced accuracy per subject, with chance level and mean; best decoder last."""
-    ranked = scores.sort_values("auroc")
-    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.3))
+    ranked, shade = scores.sort_values("auroc"), COLORS["online"]
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5), sharey=True)
     for ax, column in zip(axes, ("auroc", "balanced_accuracy"), strict=True):
         ax.errorbar(
-            ranked["subject"], ranked[column], _arms(ranked, column), fmt="o", ms=3.5,
-            color=COLORS["dense"], elinewidth=0.9, capsize=1.5,
+            ranked["subject"], ranked[column], _arms(ranked, column), fmt="o", ms=3.5, color=shade,
+            elinewidth=0.9, capsize=1.5, label="95 % interval over trials",
         )  # fmt: skip
-        ax.axhline(ranked[column].mean(), color=COLORS["dense"], lw=0.8, alpha=0.5)
+        ax.axhline(ranked[column].mean(), color=shade, lw=0.8, label="Mean over subjects")
         ax.tick_params(axis="x", rotation=60)
-        ax.set_ylabel(SCORES[column])
+        ax.set(xlabel="Held-out subject", ylabel=SCORES[column])
     axes[0].axhline(0.5, **REFERENCE)
-    chance = ranked["balanced_accuracy_chance"]
-    axes[1].plot(ranked["subject"], chance, "_", color=REFERENCE["color"], ms=9)
-    axes[0].set_title("Dots: 95 % interval over trials. Blue line: mean. Dashed: chance")
-    axes[1].set_title("Grey: 95th percentile under permuted labels")
+    chance, words = ranked["balanced_accuracy_chance"], "Chance; right: 95 % of permuted labels"
+    axes[1].plot(ranked["subject"], chance, "_", color=REFERENCE["color"], ms=9, label=words)
+    fig.legend(*axes[1].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 
 
@@ -80,7 +79,7 @@ def reliability_figure(table: pd.DataFrame) -> Figure:
     ax.plot([0, 1], [0, 1], label="Perfect", **REFERENCE)
     for column, color, marker, label in (
         ("p_error_raw", COLORS["sparse"], "s", "Raw"),
-        ("p_error", COLORS["rlihf"], "o", "Temperature-scaled"),
+        ("p_error", COLORS["online"], "o", "Temperature-scaled"),
     ):
         promised, observed, count = reliability(table[column], table["label"])
         error = 1.96 * np.sqrt(observed * (1 - observed) / np.maximum(count, 1))
@@ -111,7 +110,7 @@ def patterns_figure(decoder, signals: np.ndarray, positions: mne.Info) -> Figure
     page = PAGE_WIDTH, 1.0 + 0.95 * n_spatial
     fig, axes = plt.subplots(1 + n_spatial, n_temporal, figsize=page, squeeze=False)
     for f, (ax, *maps) in enumerate(axes.T):
-        ax.plot(frequencies, gains[f] / gains.max(), color=COLORS["dense"])
+        ax.plot(frequencies, gains[f] / gains.max(), color=COLORS["online"])
         ax.set(ylim=(0, 1.05), xlim=(0, MAX_FREQUENCY), title=f"filter {f + 1}")
         ax.tick_params(labelleft=f == 0)
         for pattern, space in zip(patterns[f][:, picks], maps, strict=True):
@@ -128,7 +127,7 @@ def channels_figure(tables: dict[str, pd.DataFrame]) -> Figure:
     """AUROC with different channels (name -> scores), a line per subject."""
     auroc = pd.concat(tables, names=["channels"]).reset_index("channels")
     fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.5))
-    _subject_lines(auroc, ax, "channels", "auroc", COLORS["dense"])
+    _subject_lines(auroc, ax, "channels", "auroc")
     ax.axhline(0.5, label="Chance", **REFERENCE)
     ax.set(xlabel="", ylabel="AUROC", xlim=(-0.3, len(tables) - 0.7))
     fig.legend(loc="outside upper center", ncols=2)
@@ -140,17 +139,22 @@ def online_update_figure(updates: pd.DataFrame) -> Figure:
 
     `updates` is as `finetuning.online_update` returns it.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.1))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.3))
     for ax, (column, words) in zip(axes, SCORES.items(), strict=True):
-        _subject_lines(updates, ax, "n_events", column, COLORS["online"])
+        _subject_lines(updates, ax, "n_events", column)
         ax.set(xlabel="Labelled events of the person, N", ylabel=words)
         ax.set_xticks(updates["n_events"].unique())
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center")
     return fig
 
 
-def _subject_lines(table: pd.DataFrame, ax: Axes, x: str, y: str, color: str) -> None:
-    sns.lineplot(table, x=x, y=y, units="subject", estimator=None, ax=ax, **BEHIND)
-    sns.lineplot(
-        table, x=x, y=y, errorbar=None, ax=ax, color=color, marker="o", ms=5, mew=0,
-        label="Mean over subjects", legend=False,
+def _subject_lines(table: pd.DataFrame, ax: Axes, x: str, y: str) -> None:
+    """Draw a line a subject, their mean and, where they are enough, its 95 % interval."""
+    lines = table.pivot(index=x, columns="subject", values=y).loc[table[x].unique()]
+    mean = lines.mean(axis=1)
+    arms = np.abs(mean_interval(lines.T, PROBABILITY) - mean.to_numpy())
+    ax.plot(lines, **BEHIND)
+    ax.errorbar(
+        lines.index, mean, arms, color=COLORS["online"], elinewidth=1, capsize=2, marker="o", ms=5,
+        zorder=3, label="Mean over subjects, its 95 % interval",
     )  # fmt: skip

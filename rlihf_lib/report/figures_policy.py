@@ -11,9 +11,10 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-import seaborn as sns
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator
 
 from rlihf_lib.report import paper, style
 from rlihf_lib.report import statistics as st
@@ -44,35 +45,31 @@ def overview_figure(scene, waves, p_error, runs) -> Figure:
     with channel and time in s (the table `difference_waves` of notebook 01), drawn at Cz, or the
     first channel where there is none; `Study.p_error`; and the runs of the main comparison.
     """
-    fig, axes = plt.subplots(1, 4, figsize=(style.PAGE_WIDTH, 1.9), width_ratios=[1.2, 1, 1, 1])
+    fig, axes = plt.subplots(1, 4, figsize=(style.PAGE_WIDTH, 2.1), width_ratios=[1.2, 1, 1, 1])
     robot, brain, decoder, policy = axes
     robot.axis("off")
     if scene is None:
         robot.text(0.5, 0.5, "no OpenGL library here", ha="center", fontsize=7)
     else:
-        width = scene.shape[1]
-        robot.imshow(scene[:, width // 10 : 9 * width // 10])
+        robot.imshow(scene)
     channel = "Cz" if "Cz" in set(waves["channel"]) else waves["channel"].iloc[0]
     people = waves[waves["channel"] == channel].drop(columns="channel").set_index("time")
     people.index *= 1000
     brain.plot(people, color="#BBBBBB", lw=0.5)
-    brain.plot(people.mean(axis=1), color=style.COLORS["error"], lw=1.6)
+    brain.plot(people.mean(axis=1), color="black", lw=1.6)
     brain.axhline(0, color="#555555", lw=0.5)
-    brain.set(xlabel="Time after the error (ms)", ylabel=f"Error - correct, {channel} (µV)")
+    brain.set(xlabel="Time after the error (ms)", ylabel=f"Error − correct, {channel} (µV)")
     brain.set_xlim(0, people.index.max())
-    classes = p_error.assign(moment=p_error["label"].map({0: "correct", 1: "error"}))
-    sns.histplot(
-        classes, x="p_error", hue="moment", hue_order=["correct", "error"], palette=style.COLORS,
-        ax=decoder, bins=20, binrange=(0, 1), stat="density", common_norm=False, element="step",
-        alpha=0.25,
-    )  # fmt: skip
-    decoder.set(xlabel="p(error); reward r = 1 - p", ylabel="Density of epochs", xlim=(0, 1))
-    look = {"title": "the robot was", "fontsize": 6, "title_fontsize": 6}
-    sns.move_legend(decoder, "upper center", **look)
+    for moment, epochs in zip(("correct", "error"), p_error.groupby("label"), strict=True):
+        shade, look = style.COLORS[moment], {"bins": 20, "range": (0, 1), "density": True}
+        look |= {"fc": to_rgba(shade, 0.25), "ec": shade, "histtype": "stepfilled"}
+        decoder.hist(epochs[1]["p_error"], label=moment, **look)
+    decoder.set(xlabel="p(error); reward r = 1 − p", ylabel="Density of epochs", xlim=(0, 1))
+    decoder.legend(title="the robot was", loc="upper center", fontsize=7, title_fontsize=7)
     group_curves(runs, policy, paper.CONDITIONS, "success")
-    policy.set(xlabel=STEPS, ylabel=AXIS_LABELS["success"], ylim=(SHARE[0], 1.55))
+    policy.set(xlabel=STEPS, ylabel=AXIS_LABELS["success"], ylim=(SHARE[0], 1.75))
     policy.set_yticks([0, 0.5, 1])
-    policy.legend(fontsize=6, loc="upper left")
+    policy.legend(fontsize=7, loc="upper left")
     titles = "A person watches  →", "the brain answers  →", "a decoder rewards  →"
     for ax, title in zip(axes, (*titles, "the robot learns  ↺"), strict=True):
         ax.set_title(title, fontweight="bold", loc="left")
@@ -106,6 +103,7 @@ def name_axes(ax: Axes, runs: pd.DataFrame, metric: str) -> None:
     for third in (1, 2):
         ax.axvline(third * runs["step"].max() / 3000, color="#BBBBBB", linewidth=0.6, zorder=0)
     ax.set(xlabel="Training steps (thousands)", ylabel=AXIS_LABELS[metric])
+    ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     if metric in ("success", "judged_wrong"):
         ax.set_ylim(SHARE)
 
@@ -139,44 +137,44 @@ def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
     return fig
 
 
-def figure_6(runs: pd.DataFrame, metric: str = "return") -> Figure:
-    """Fig. 6: learning curves for several weights of human feedback, and the baselines.
+def figure_6(runs: pd.DataFrame) -> Figure:
+    """Fig. 6: return and success for several weights of human feedback, and the baselines.
 
-    Any number of weights; darker is heavier.
+    Any number of weights, in shades of RLIHF's colour: darker is heavier.
     """
-    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.9))
-    group_curves(runs, ax, ("sparse", "dense"), metric)
-    weights = _by_weight(runs[runs["group"] == "rlihf"])
-    for (chosen, look), marker in zip(weights, cycle("os^Dv"), strict=False):
-        learning_curve(chosen, ax, metric, marker=marker, markersize=3, **look)
-    name_axes(ax, runs, metric)
-    fig.legend(loc="outside upper center", ncols=2)
+    fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.6))
+    for ax, metric in zip(axes, ("return", "success"), strict=True):
+        group_curves(runs, ax, ("sparse", "dense"), metric)
+        for chosen, look in _by_weight(runs[runs["group"] == "rlihf"]):
+            learning_curve(chosen, ax, metric, markersize=3.5, **look)
+        name_axes(ax, runs, metric)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return fig
 
 
 def _by_weight(rows):
-    """Part rows by the weight of human feedback, each with its name and colour: heavier, darker."""
-    weights = list(rows.groupby("w_hf"))
-    for (weight, chosen), shade in zip(weights, style.shades(len(weights)), strict=True):
-        yield chosen, {"label": f"RLIHF, $w_{{hf}}$ = {weight:g}", "color": shade}
+    """Part rows by the weight of human feedback, each with its name, shade and marker."""
+    weights = dict(list(rows.groupby("w_hf")))
+    shades = style.shades(weights)
+    for (w, chosen), marker in zip(weights.items(), cycle("s^vPX"), strict=False):
+        yield chosen, {"color": shades[w], "marker": marker, "label": rf"RLIHF, $w_{{hf}}$ = {w:g}"}
 
 
-def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str) -> Figure:
+def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str, horizon) -> Figure:
     """How one condition learns: its own reward while training, a line per run; then the evaluation.
 
-    `training` is from `evaluations.load_training`, as `runs` of this condition.
+    `training` is from `evaluations.load_training`, as `runs` of this condition. The evaluation has
+    the same axes for every condition: 1 is the most a step of the `horizon` can earn.
     """
     fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.0))
-    windows = training.dropna(subset="return").assign(thousands=lambda t: t["step"] / 1000)
-    sns.lineplot(
-        windows, x="thousands", y="return", units="run", estimator=None, ax=axes[0],
-        color=style.color(condition), alpha=0.5, lw=0.8,
-    )  # fmt: skip
+    for _, run in training.dropna(subset="return").groupby("run"):
+        axes[0].plot(run["step"] / 1000, run["return"], color=style.color(condition), lw=0.5)
     name_axes(axes[0], runs, "return")
-    axes[0].set_ylabel(f"Training return ({style.label(condition)})")
+    axes[0].set_ylabel(f"Training return,\nreward of {style.label(condition)}")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):
         group_curves(runs, ax, style.ordered(runs["group"]), metric)
         name_axes(ax, runs, metric)
+    axes[1].set_ylim(min(horizon * SHARE[0], axes[1].dataLim.ymin), horizon * SHARE[1])
     return fig
 
 
@@ -193,9 +191,10 @@ def learner_figure(training: pd.DataFrame, condition: str) -> Figure:
     for ax, column in zip(axes, columns, strict=True):
         ax.plot(thousands, training[column], color=shade, lw=0.9, marker=marker)
         name_axes(ax, training, column)
-        ax.set_xlabel(STEPS)
+        ax.set(xlabel=STEPS, xlim=(0, None))
         if column in ("critic_loss", "ent_coef") and training[column].notna().any():
-            ax.set_yscale("log")  # not where nothing is learnt, as in the first steps
+            ax.set_yscale("log", subs=())  # not where nothing is learnt, as in the first steps
+            ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
     return fig
 
 
@@ -213,7 +212,7 @@ def success_figure(runs: pd.DataFrame) -> Figure:
 def safety_figure(runs: pd.DataFrame) -> Figure:
     """Collisions and minimum clearance in the late phase."""
     late = late_scores(runs).assign(min_clearance=lambda table: 100 * table["min_clearance"])
-    fig, axes = plt.subplots(1, 2, figsize=(style.COLUMN_WIDTH, 2.1))
+    fig, axes = plt.subplots(1, 2, figsize=(style.COLUMN_WIDTH, 2.3))
     rng = np.random.default_rng(0)
     for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
         for x, group in enumerate(paper.CONDITIONS):
@@ -238,7 +237,7 @@ def trade_off_figure(runs: pd.DataFrame) -> Figure:
     late = late.assign(seconds=CONTROL_STEP * late["steps"], cm=100 * late["min_clearance"])
     fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.6))
     placed = late.groupby(["group", "w_hf", "subject", "run"])[["seconds", "cm"]].mean()
-    dense = {"label": style.label("dense"), "color": style.color("dense")}
+    dense = {"label": style.label("dense"), "color": style.color("dense"), "marker": "D"}
     weights = _by_weight(placed.query("group == 'rlihf'"))
     for scores, look in [(placed.query("group == 'dense'"), dense), *weights]:
         if len(scores):
@@ -246,7 +245,7 @@ def trade_off_figure(runs: pd.DataFrame) -> Figure:
             (x, y), intervals = means.mean(), st.mean_interval(means)
             arms = np.abs(intervals - [[x, y]])
             ax.plot(*scores.to_numpy().T, color=look["color"], **RUNS)
-            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], fmt="D", ms=4, **look)
+            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], ls="", ms=4.5, **look)
     if not len(late):
         ax.text(0.5, 0.5, "no run places the can", transform=ax.transAxes, ha="center")
     ax.set(xlabel="Time to place the can (s)", ylabel=AXIS_LABELS["min_clearance"])
@@ -280,7 +279,7 @@ def comparison_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     right.plot(rows["improvement"], places, "D", ms=4, color=shade)
     right.axvline(0.5, **style.REFERENCE)
     right.set_yticks(places, rows["comparison"].str.replace(" - ", " > "))
-    right.set(xlim=SHARE, ylim=(-0.6, len(rows) - 0.4), xlabel="P(improvement) in late success")
+    right.set(xlim=SHARE, ylim=(-0.6, len(rows) - 0.4), xlabel="P(better) in late success")
     return fig
 
 

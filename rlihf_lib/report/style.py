@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from typing import Any
 
-import matplotlib as mpl
-import numpy as np
 import seaborn as sns
+
+from rlihf_lib.profiles import Profile
 
 #: Every name under which runs are compared (`evaluations.group_of`): as people read it, its colour.
 # Okabe & Ito (2008), "Color Universal Design": told apart with every common colour blindness.
@@ -18,21 +18,23 @@ GROUPS = {
     "rlihf-ideal": ("RLIHF, ideal p", "#000000"),
     "rlihf-mean": ("RLIHF, constant p", "#CC79A7"),
     "rlihf-shuffled": ("RLIHF, shuffled p", "#E69F00"),
-    "rlihf-lay": ("RLIHF, lay observer", "#882255"),
+    "rlihf-lay": ("RLIHF, lay observer", "#332288"),
 }
 LABELS = {group: words for group, (words, _) in GROUPS.items()}
 COLORS = {group: shade for group, (_, shade) in GROUPS.items()}
-COLORS |= {"correct": "#0072B2", "error": "#D55E00"}
+COLORS |= {"correct": "#44AA99", "error": "#882255"}  # what EEG answers; no condition's colours
 COLORS |= {"pretrain": "#F0E442", "online": "#E69F00"}  # the paper's Fig. 5: yellow, orange bars
+LIGHTEST, DARKEST = "#ECB68C", "#552600"  # shades of RLIHF
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
 #: Of chance levels and other lines to compare with; of single people or runs behind their mean.
 REFERENCE: dict[str, Any] = {"color": "#888888", "lw": 0.8, "ls": (0, (2, 2))}
 BEHIND: dict[str, Any] = {"color": "#BBBBBB", "lw": 0.7}
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches of a two-column conference page (ieeeconf, letter)
+SMALL, WIDEST = 7, 18  # pt of the smallest text that journals print; cm of two columns
 RC = {  # on top of seaborn's "paper"
     "figure.dpi": 120,
-    "savefig.dpi": 200,
+    "savefig.dpi": 300,
     "figure.constrained_layout.use": True,
     "legend.frameon": False,
     "axes.linewidth": 0.6,
@@ -74,6 +76,13 @@ def ordered(groups: Iterable[str]) -> list[str]:
     return [*filter(groups.__contains__, LABELS), *sorted(groups - LABELS.keys())]
 
 
-def shades(n: int) -> list:
-    """Return `n` colours, light to dark: told apart in every colour vision and in grey."""
-    return list(mpl.colormaps["inferno"](np.linspace(0.75, 0.2, n)))
+def shades(weights: Iterable[float]) -> dict[float, tuple]:
+    """Return a shade of RLIHF's colour for each weight of human feedback: heavier, darker.
+
+    The weight of the main comparison has the colour itself; steps are even on either side of it.
+    """
+    own, weights = color("rlihf"), sorted({*weights, Profile.w_hf})
+    main = weights.index(Profile.w_hf)
+    lighter = sns.blend_palette([LIGHTEST, own], main + 1)[:-1]
+    darker = sns.blend_palette([own, DARKEST], len(weights) - main)
+    return dict(zip(weights, lighter + darker, strict=True))

@@ -32,15 +32,22 @@ def test_subjects_are_ranked_by_how_well_they_are_decoded(scores):
         assert names == scores.sort_values("auroc")["subject"].tolist()
 
 
-def test_a_line_a_subject_and_their_mean(legend):
+def test_a_line_a_subject_and_their_mean_with_its_interval():
     updates = pd.read_csv(STUDY.tables / "online_update.csv")
     ax = figures_decoder.online_update_figure(updates).axes[2]
-    assert len(ax.lines) == updates["subject"].nunique() + 1
+    n_people = updates["subject"].nunique()
     mean = updates.groupby("n_events")["auroc"].mean()
-    np.testing.assert_allclose(legend(ax)["Mean over subjects"].get_ydata(), mean)
+    assert (np.ptp([line.get_ydata()[0] for line in ax.lines[:n_people]])) > 0.2
+    ((drawn, _, (arms,)),) = ax.containers
+    np.testing.assert_allclose(drawn.get_ydata().astype(float), mean)
+    for segment, value in zip(arms.get_segments(), mean, strict=True):
+        assert segment[0, 1] < value < segment[1, 1]
     one = updates[updates["n_events"] == 0]
     (ax,) = figures_decoder.channels_figure({"EEG": one, "EOG only": one}).axes
     assert [tick.get_text() for tick in ax.get_xticklabels()] == ["EEG", "EOG only"]
+    few = one[one["subject"].isin(["s02", "s03"])]
+    (ax,) = figures_decoder.channels_figure({"EEG": few}).axes
+    assert not ax.containers[0][2][0].get_segments()[0].size, "two people have no interval"
 
 
 def test_reliability_shows_all_epochs_before_and_after_scaling():

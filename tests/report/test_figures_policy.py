@@ -7,7 +7,7 @@ import pytest
 
 from rlihf_lib.report import figures_policy, tables
 from rlihf_lib.report.evaluations import load_runs
-from rlihf_lib.report.style import ordered
+from rlihf_lib.report.style import ordered, shades
 
 
 def thin(ax):
@@ -59,11 +59,17 @@ def test_figure_4_takes_any_number_of_people(runs, scores, n):
 def test_figure_6_draws_any_weights_and_the_baselines(runs, weighed, weights, legend):
     some = [weighed.assign(w_hf=w)[weighed["w_hf"] == 0.7] for w in weights]
     both = pd.concat([runs[runs["group"] != "rlihf"], *some])
-    (ax,) = figures_policy.figure_6(both).axes
-    lines = legend(ax)
-    assert list(lines)[:2] == ["RL sparse", "RL dense"] and len(lines) == 2 + len(weights)
-    assert len({tuple(line.get_color()) for line in list(lines.values())[2:]}) == len(weights)
-    assert "(thousands)" in ax.get_xlabel()
+    figure = figures_policy.figure_6(both)
+    for ax, metric in zip(figure.axes, ("return", "success"), strict=True):
+        lines = legend(ax)
+        assert list(lines)[:2] == ["RL sparse", "RL dense"] and len(lines) == 2 + len(weights)
+        own = [line for name, line in lines.items() if name.startswith("RLIHF")]
+        assert [line.get_color() for line in own] == [shades(weights)[w] for w in weights]
+        assert len({line.get_marker() for line in own}) == min(len(weights), 5)
+        drawn = runs[runs["group"] == "dense"].groupby("step")[metric].mean()
+        np.testing.assert_allclose(lines["RL dense"].get_ydata(), drawn)
+        assert "(thousands)" in ax.get_xlabel()
+    assert len(figure.legends) == 1
 
 
 @pytest.mark.parametrize("learnt", [True, False])
@@ -80,9 +86,16 @@ def test_training_is_a_line_per_run_beside_its_evaluation(runs):
     dense = runs[runs["group"] == "dense"]
     training = dense.assign(episodes=1)
     training.loc[training["step"] == 1000, "return"] = np.nan
-    fig = figures_policy.training_figure(dense, training, "dense")
+    fig = figures_policy.training_figure(dense, training, "dense", 1000)
     assert [len(line.get_xdata()) for line in fig.axes[0].lines[:5]] == [3] * 5
     assert len(fig.axes[1].collections) == 1
+    assert "reward of RL dense" in fig.axes[0].get_ylabel()
+    sparse = runs[runs["group"] == "sparse"].assign(**{"return": 0.0})
+    other = figures_policy.training_figure(sparse, training, "sparse", 1000)
+    for ax, same in zip(fig.axes[1:], other.axes[1:], strict=True):
+        assert ax.get_ylim() == same.get_ylim() and ax.get_xlim() == same.get_xlim()
+    lost = figures_policy.training_figure(sparse.assign(**{"return": -400.0}), training, "s", 1000)
+    assert lost.axes[1].get_ylim()[0] <= -400, "nothing is cut off"
 
 
 def test_the_profile_is_the_share_of_runs_above(runs, legend):
