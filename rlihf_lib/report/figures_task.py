@@ -13,17 +13,20 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
 from rlihf_lib.report.saving import enter, hash_sources, manifest
-from rlihf_lib.report.style import COLORS, LABELS, PAGE_WIDTH
+from rlihf_lib.report.style import LABELS, PAGE_WIDTH, line_style
 from rlihf_lib.task.gym_env import PickPlaceEnv
-from rlihf_lib.task.rendering import film, render
+from rlihf_lib.task.rendering import film, project, render
 from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
 OBJECT_COLOURS = {
     "goal": "#999999", "can": "#C8102E", "lemon": "#E6C700", "cereal": "#8C564B",
     "bottle": "#009E73", "bread": "#D8A15D",
 }  # fmt: skip
+OUTLINED = [withStroke(linewidth=1.8, foreground="white")]  # of names on pictures
 # World axes drawn to the right and upwards; from above, x points away from the robot, downwards.
 FROM_ABOVE, FROM_FRONT = (1, 0), (1, 2)
+# Names in the rendering stand below what they name, but for these: points right and up of it.
+BESIDE = {"can": (0, 16), "cereal": (-22, 0), "bottle": (24, 8), "hand": (-27, 0)}
 ZONE_GREYS = (("#F6F6F6", "#A8A8A8"), ("#E9E9E9", "#555555"))  # inside and outline, outer first
 FILM_STEPS = 80  # control steps of a film, 0.1 s each
 
@@ -32,17 +35,28 @@ def task_figure(seed: int = 0) -> Figure:
     """Draw a placement of the scene: rendered, where OpenGL is available, and from above."""
     env = PickPlaceEnv()
     env.reset(seed=seed)
-    pixels = scene(seed)
-    if pixels is None:
-        figure, top = plt.subplots(figsize=(3.5, 3.2))
-        top.set_title("top view (no OpenGL library here: drawn, not rendered)", fontsize=7)
+    figure, (left, top) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.6))
+    left.axis("off")
+    if (pixels := scene(seed)) is None:
+        left.text(0.5, 0.5, "no OpenGL library here", ha="center")
     else:
-        figure, (left, top) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.9), width_ratios=[1.3, 1])
         left.imshow(pixels)
-        left.axis("off")
+        _label_picture(env, left)
     top_view(env, top)
-    top.legend(fontsize=6, loc="lower center", ncols=1)
+    top.legend(fontsize=7, loc="lower center")
     return figure
+
+
+def _label_picture(env, ax):
+    """Outline the goal and name what is seen."""
+    *_, rim = silhouettes(env.workspace, "goal", FROM_ABOVE)
+    rim = np.insert(rim[:, ::-1], 2, env.workspace.placement["goal"][2], axis=1)
+    ax.add_patch(Polygon(project(rim), fill=False, ec="#222222", lw=1.2))
+    for name, place in {**env.workspace.placement, "hand": env.controller.hand}.items():
+        ax.annotate(
+            name, project(place[None])[0], BESIDE.get(name, (0, -14)), va="center", ha="center",
+            textcoords="offset points", fontsize=8, path_effects=OUTLINED,
+        )  # fmt: skip
 
 
 def scene(seed: int = 0) -> np.ndarray | None:
@@ -110,7 +124,7 @@ def top_view(env: PickPlaceEnv, ax: Axes) -> None:
             place, offset, align = (right, (far + near) / 2), (2, 0), ("left", "center")
         ax.annotate(
             name, place, offset, textcoords="offset points", ha=align[0], va=align[1], fontsize=7,
-            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            path_effects=OUTLINED,
         )  # fmt: skip
     ax.plot(*env.path.reach[0, 1::-1], "k^", ms=5, label="hand at the start")
     ax.set(ylabel="x, away from the robot (m)", ylim=(0.27, -0.32))
@@ -119,11 +133,11 @@ def top_view(env: PickPlaceEnv, ax: Axes) -> None:
 def _side_view(env, ax):
     _draw_scene(env, ax, FROM_FRONT, alpha=0.5)
     for name in OBJECT_COLOURS:
-        below = 0.035 if name in ("lemon", "bottle", "goal") else 0.015  # neighbours' names
+        below = 0.042 if name in ("lemon", "bottle", "goal") else 0.015  # neighbours' names
         y = env.workspace.placement[name][1]
-        ax.text(y, TABLE_HEIGHT - below, name, fontsize=6, ha="center", va="top")
+        ax.text(y, TABLE_HEIGHT - below, name, fontsize=7, ha="center", va="top")
     ax.axhline(TABLE_HEIGHT, color="k", lw=0.6)
-    ax.set(ylabel="height z (m)", ylim=(TABLE_HEIGHT - 0.07, TABLE_HEIGHT + 0.4))
+    ax.set(ylabel="height z (m)", ylim=(TABLE_HEIGHT - 0.08, TABLE_HEIGHT + 0.4))
 
 
 def _draw_scene(env, ax, view, alpha):
@@ -141,28 +155,27 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
     Of each condition an `evaluation.Recording` per run, all of the placement to which `env` is
     reset. `zones` are two distances from obstacles, metres, and what they mean to the observer.
     """
-    figure, (top, side) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.5), width_ratios=[1, 1.1])
+    figure, (top, side) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.7), width_ratios=[1, 1.1])
     top_view(env, top)
     _side_view(env, side)
     _draw_zones(env.workspace, top, sorted(zones, reverse=True))
     top.set_ylim(0.2, -0.32)
     for condition, runs in recordings.items():
-        shade = COLORS[condition]
+        look = line_style(condition)
         for run in runs:
             for ax, view in ((top, FROM_ABOVE), (side, FROM_FRONT)):
                 path = run.hand[:, view]
-                ax.plot(*path.T, color=shade, lw=1, alpha=0.8)
-                ax.plot(*path[-1], marker="*" if run.success else "x", color=shade, ms=6)
-        placed = sum(run.success for run in runs)
-        label = f"{LABELS[condition]}: {placed} of {len(runs)} runs place the can"
-        top.plot([], [], color=shade, label=label)
+                ax.plot(*path.T, lw=1, alpha=0.8, **look)
+                ax.plot(*path[-1], marker="*" if run.success else "x", color=look["color"], ms=6)
+        placed = f"{sum(run.success for run in runs)} of {len(runs)} runs place the can"
+        top.plot([], [], label=f"{LABELS[condition]}: {placed}", **look)
     for metres, (_, grey) in zip(sorted(zones), reversed(ZONE_GREYS), strict=True):
         label = f"{100 * metres:.0f} cm from obstacles: {zones[metres]}"
         top.plot([], [], color=grey, lw=0.9, ls=":", label=label)
     figure.legend(
-        *top.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=6,
+        *top.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=7,
         title="Hand of the policies at the end of training; star: can placed, cross: not",
-        title_fontsize=6,
+        title_fontsize=7,
     )  # fmt: skip
     return figure
 

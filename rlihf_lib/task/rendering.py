@@ -11,9 +11,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-# Width and height in pixels, and metres of the camera from what it looks at.
-PICTURE, FILM = (960, 720, 1.6), (320, 240, 1.2)
+# Width and height, pixels; what the camera looks at, its distance, m; azimuth, elevation, degrees.
+PICTURE = (1050, 1050, (-0.2, 0.0, 1.14), 1.3, 198.0, -32.0)
+FILM = (320, 240, (-0.2, 0.0, 1.0), 1.2, 160.0, -25.0)
 FILM_COLOURS = 64  # of the palette; keeps a film to a few hundred kB
 
 
@@ -23,6 +25,16 @@ def render(path: str | Path, seed: int = 0) -> str:
     Return the OpenGL library used; empty, and no file written, where there is none.
     """
     return _in_own_process(path, seed)
+
+
+def project(points: np.ndarray) -> np.ndarray:
+    """Where points of the world, (n, 3), are in the picture of `render`: pixels from upper left."""
+    width, height, lookat, distance, azimuth, elevation = PICTURE
+    ahead, left, up = Rotation.from_euler("yz", [-elevation, azimuth], degrees=True).as_matrix().T
+    seen = points - lookat + distance * ahead
+    focal = height / 2 / np.tan(np.radians(45 / 2))  # MuJoCo's field of view, upwards: 45 degrees
+    across = focal * (seen @ np.stack([left, up], axis=1)) / (seen @ ahead)[:, None]
+    return np.array([width, height]) / 2 - across
 
 
 def film(path: str | Path, qpos: np.ndarray, seed: int) -> str:
@@ -56,11 +68,10 @@ def _render_here(path, seed, positions=None):
 
     env = PickPlaceEnv(workspace=Workspace(fast=False))  # the fast one has no visual meshes
     env.reset(seed=int(seed))
-    width, height, distance = FILM if positions else PICTURE
+    width, height, *view = FILM if positions else PICTURE
     env.model.vis.global_.offwidth, env.model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
-    camera.lookat[:] = [-0.2, 0.0, 1.0]
-    camera.distance, camera.azimuth, camera.elevation = distance, 160.0, -25.0
+    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = view
     options = mujoco.MjvOption()
     options.geomgroup[0], options.geomgroup[1] = 0, 1  # meshes, not collision shapes
     options.sitegroup[:] = 0

@@ -9,9 +9,11 @@ import pytest
 from matplotlib.path import Path
 from scipy.spatial import ConvexHull, cKDTree
 
+from rlihf_lib.report import figures_task
 from rlihf_lib.report.figures_task import OBJECT_COLOURS, paths_figure
 from rlihf_lib.rl.evaluation import Recording
 from rlihf_lib.task.gym_env import PickPlaceEnv
+from rlihf_lib.task.rendering import PICTURE, project
 from rlihf_lib.task.workspace import OBSTACLES, PLACES, TABLE_HEIGHT, Workspace
 
 VIEWS = {"top": (1, 0), "side": (1, 2)}
@@ -111,6 +113,33 @@ def test_zones_are_as_wide_as_the_observer_says(drawing, filled, metres):
     assert found == set(OBSTACLES)
     labels = [line.get_label() for line in drawing["top"].lines]
     assert any(label.startswith(f"{100 * metres:.0f} cm") for label in labels)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_names_in_the_picture_do_not_overlap(monkeypatch, seed):
+    monkeypatch.setattr(figures_task, "scene", lambda _: np.zeros(PICTURE[:2]))
+    figure = figures_task.task_figure(seed)
+    figure.canvas.draw()
+    picture = figure.axes[0]
+    boxes = {text.get_text(): text.get_window_extent() for text in picture.texts}
+    assert set(boxes) == {*PLACES, "hand"}
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes.values(), 2))
+    plt.close(figure)
+
+
+def test_points_of_the_world_are_found_in_the_picture(env):
+    pixels = figures_task.scene(1)
+    if pixels is None:
+        pytest.skip("no OpenGL library here")
+    assert pixels.shape == (*PICTURE[:2], 3)
+    env.reset(seed=1)
+    seen = {}
+    for name in ("can", "lemon", "goal"):
+        x, y = project(env.workspace.placement[name][None])[0].round().astype(int)
+        seen[name] = pixels[y - 3 : y + 4, x - 3 : x + 4].mean(axis=(0, 1))
+    assert seen["can"][0] > 2 * max(seen["can"][1:]), "red"
+    assert min(seen["lemon"][:2]) > 1.3 * seen["lemon"][2], "yellow"
+    assert np.ptp(seen["goal"]) < 0.1 and seen["goal"].mean() < 0.7, "grey"
 
 
 @pytest.mark.parametrize("seed", range(4))
