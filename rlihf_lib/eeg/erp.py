@@ -1,8 +1,8 @@
-"""Averages over epochs: the error-minus-correct difference wave and how large it is."""
+"""Averages over epochs: waves of both classes, their difference and how large it is."""
 
 import mne
 import numpy as np
-from scipy import stats
+import pandas as pd
 
 H_FREQ = 10.0  # Hz, low-pass of `peak_over_sd`
 PEAK = (0.1, 0.6)  # s after the feedback, where it seeks the peak
@@ -15,14 +15,14 @@ def difference_wave(epochs) -> mne.EvokedArray:
     )
 
 
-def confidence_band(waves, level=0.95) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean over at least two subjects with its confidence band, by Student's t at every sample.
-
-    Of waves, shape (n_subjects, n_times); mean, low and high have shape (n_times,).
-    """
-    mean = waves.mean(axis=0)
-    low, high = stats.t.interval(level, len(waves) - 1, mean, stats.sem(waves))
-    return mean, low, high
+def class_waves(epochs, channels, stop=0.8) -> pd.Series:
+    """Mean waves of both classes until `stop` s, µV, by event, channel and time."""
+    waves = {}
+    for event in ("correct", "error"):
+        mean = epochs[event].average(picks=channels)
+        mean.apply_baseline((None, 0) if mean.tmin < 0 else None)  # where it can be had
+        waves[event] = mean.to_data_frame(index="time")[:stop].unstack()
+    return pd.concat(waves, names=["event", "channel", "time"])
 
 
 def peak_over_sd(epochs) -> tuple[float, float]:

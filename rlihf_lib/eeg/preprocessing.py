@@ -30,6 +30,7 @@ class Preprocessing:
     #: Window from the feedback onset on, s. There is no baseline correction: the 1-Hz high-pass has
     #: taken the offset away, and a window that starts at the onset is what a stream can cut.
     duration: float = 2.0
+    before: float = 0.0  # s before the onset that are cut, too, but not looked at for artefacts
     reject: float = 200e-6  # V, peak to peak on any EEG channel, above which is an artefact
     #: Of a folder of epochs: names of the events, channels that are left out.
     correct_event: str = "correct"
@@ -121,10 +122,11 @@ def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawA
 def cut(raw, events, settings) -> mne.EpochsArray:
     """Cut the kept events of a continuous recording, both as `load_continuous` gives them."""
     kept = events[events["status"] == "kept"].drop(columns="status").reset_index(drop=True)
+    n_before = round(settings.before * raw.info["sfreq"])
     n_times = round(settings.duration * raw.info["sfreq"])
     data = raw.get_data()
-    windows = np.stack([data[:, first : first + n_times] for first in kept["sample"]])
-    return labelled_epochs(windows, raw.info, 0.0, kept)
+    windows = [data[:, first - n_before : first + n_times] for first in kept["sample"]]
+    return labelled_epochs(np.stack(windows), raw.info, -n_before / raw.info["sfreq"], kept)
 
 
 def _feedback_events(raw):

@@ -3,18 +3,16 @@
 from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
-import mne
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from rlihf_lib.eeg.erp import confidence_band
-from rlihf_lib.eeg.published import CZ
+from rlihf_lib.report.statistics import mean_interval
 from rlihf_lib.report.style import BEHIND, COLORS, PAGE_WIDTH
 
 # Light to dark greys of what was dropped, hatched for print.
 DROPPED = ("#999999", "#CCCCCC", "#666666", "#E5E5E5")
-MS, UV = 1e3, 1e6  # from s and V
+MS = 1e3  # from s
 
 
 def trial_counts_figure(counts: pd.DataFrame) -> Figure:
@@ -34,47 +32,44 @@ def trial_counts_figure(counts: pd.DataFrame) -> Figure:
     return fig
 
 
-def difference_waves_figure(
-    waves: dict[str, np.ndarray], times: np.ndarray, published: bool = False
-) -> Figure:
-    """Error-minus-correct waves of the subjects, their mean and its 95 % band, a panel a channel.
+def waves_figure(waves: pd.DataFrame, components: Sequence[tuple] = ()) -> Figure:
+    """Waves of both classes and, below, their difference; a column of panels a channel.
 
-    Name of a channel -> volts, shape (n_subjects, n_times), at `times`, s; at the lower edge of Cz
-    the intervals of the `published` wave, if asked.
+    `waves`, µV, has a column per subject, the rows of `erp.class_waves`. Lines are means over
+    subjects with their 95 % intervals, thin ones subjects. The `components` of the difference at
+    Cz, as in `eeg.published`, are shaded and named: N236 is negative, its middle 236 ms.
     """
-    fig, axes = plt.subplots(1, len(waves), figsize=(PAGE_WIDTH, 2.2), sharey=True, squeeze=False)
-    for ax, (channel, values) in zip(axes[0], waves.items(), strict=True):
-        ax.axhline(0, color="black", linewidth=0.5)
-        ax.plot(MS * times, UV * values.T, **BEHIND)
-        mean, low, high = confidence_band(UV * values)
-        ax.fill_between(MS * times, low, high, color=COLORS["error"], alpha=0.3, linewidth=0)
-        ax.plot(MS * times, mean, color=COLORS["error"], linewidth=1.6)
-        ax.set(title=channel, xlabel="Time after feedback (ms)")
-        ax.set_xlim(MS * times[0], MS * times[-1])
-        if published and channel == "Cz":
-            low, high = ax.get_ylim()
-            ax.set_ylim(low - 0.08 * (high - low), high)  # room for the marks, below the waves
-            for sign, start, stop in CZ:
-                grey, mark = ("0.85", "+") if sign > 0 else ("0.6", "−")
-                ax.axvspan(MS * start, MS * stop, ymax=0.07, facecolor=grey)
-                place = {"transform": ax.get_xaxis_transform(), "ha": "center", "va": "center"}
-                ax.text(MS * (start + stop) / 2, 0.035, mark, fontsize=7, **place)
-    axes[0, 0].set_ylabel("Error − correct (µV)")
+    channels = waves.index.unique("channel")
+    fig, axes = plt.subplots(2, len(channels), sharex=True, sharey="row", squeeze=False)
+    fig.set_size_inches(PAGE_WIDTH, 3.9)
+    for (upper, lower), channel in zip(axes.T, channels, strict=True):
+        correct, error = (waves.loc[event].loc[channel] for event in ("correct", "error"))
+        _mean_wave(upper, correct, COLORS["correct"], ls=(0, (4, 1.5)), label="correct")
+        _mean_wave(upper, error, COLORS["error"], label="error")
+        lower.plot(MS * error.index, error - correct, **BEHIND | {"lw": 0.5})
+        _mean_wave(lower, error - correct, "black")
+        upper.set_title(channel)
+        lower.set(xlabel="Time after feedback (ms)", xlim=MS * error.index[[0, -1]])
+        for sign, start, stop in components if channel == "Cz" else ():
+            lower.axvspan(
+                MS * start, MS * stop, color="0.94" if sign > 0 else "0.87", lw=0, zorder=0
+            )
+            place = MS * (start + stop) / 2, 0.95 if sign > 0 else 0.05
+            look = {"ha": "center", "va": "center", "transform": lower.get_xaxis_transform()}
+            lower.text(*place, f"{'P' if sign > 0 else 'N'}{place[0]:.0f}", fontsize=7, **look)
+    axes[0, 0].set_ylabel("Mean response (µV)")
+    axes[1, 0].set_ylabel("Error − correct (µV)")
+    axes[1, 0].margins(y=0.15)  # room for the names
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig
 
 
-def topographies_figure(evoked: mne.Evoked, times: Sequence[float]) -> Figure:
-    """Scalp maps of an error-minus-correct wave, one per time (s)."""
-    fig, axes = plt.subplots(1, len(times), figsize=(1.3 * len(times) + 0.6, 1.6), squeeze=False)
-    values = np.stack([evoked.data[:, np.abs(evoked.times - t).argmin()] for t in times]) * UV
-    limit = np.abs(values).max()
-    for ax, value, time in zip(axes[0], values, times, strict=True):
-        image, _ = mne.viz.plot_topomap(
-            value, evoked.info, axes=ax, show=False, vlim=(-limit, limit), cmap="RdBu_r", contours=4
-        )
-        ax.set_title(f"{MS * time:.0f} ms")
-    fig.colorbar(image, ax=axes, label="Error − correct (µV)")
-    return fig
+def _mean_wave(ax, values, color, **line):
+    low, high = mean_interval(values.T)
+    ax.fill_between(MS * values.index, low, high, color=color, alpha=0.3, lw=0)
+    ax.plot(MS * values.index, values.mean(axis=1), color=color, lw=1.4, **line)
+    ax.axhline(0, color="black", lw=0.5)
+    ax.axvline(0, color="black", lw=0.5)
 
 
 def spectra_figure(spectra: pd.DataFrame, band: tuple[float, float]) -> Figure:
@@ -82,7 +77,7 @@ def spectra_figure(spectra: pd.DataFrame, band: tuple[float, float]) -> Figure:
     fig, ax = plt.subplots(figsize=(PAGE_WIDTH / 2, 2.2))
     ax.axvspan(*band, color="#F0F0F0", zorder=0)
     decibels = 10 * np.log10(spectra)
-    decibels.plot(ax=ax, style=["-", "--"], color=["#7F7F7F", COLORS["correct"]])
+    decibels.plot(ax=ax, style=["-", "--"], color=["#7F7F7F", "black"])
     ax.set(xlabel="Frequency (Hz)", ylabel="Power density\n(dB re 1 µV²/Hz)")
     ax.legend(loc="upper right")
     return fig

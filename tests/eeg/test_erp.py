@@ -1,4 +1,4 @@
-"""Difference waves, confidence band and size; the table of the simulation's parameters."""
+"""Waves, their difference and its size; the table of the simulation's parameters."""
 
 from dataclasses import fields
 
@@ -33,16 +33,24 @@ def test_difference_is_error_minus_correct_on_eeg_channels():
     np.testing.assert_allclose(wave.data[0], expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("tmin", [-0.2, 0.0])
+def test_waves_of_both_classes_are_told_from_what_comes_before_them(tmin):
+    planted = epochs(4.0)
+    planted.shift_time(tmin, relative=False)
+    waves = erp.class_waves(planted, ["Cz"], stop=0.5)
+    data = 1e6 * planted.get_data("Cz")[:, 0]
+    times = planted.times
+    for event, code in (("correct", 1), ("error", 2)):
+        wave, mean = waves[event, "Cz"], data[planted.events[:, 2] == code].mean(axis=0)
+        mean = mean - mean[times <= 0].mean() * (tmin < 0)
+        np.testing.assert_allclose(wave.index, times[times <= 0.5])
+        np.testing.assert_allclose(wave, mean[times <= 0.5], atol=1e-9)
+
+
 def test_peak_over_sd_finds_size_and_latency():
     ratio, latency = erp.peak_over_sd(epochs(4.0))
     assert ratio == pytest.approx(4.0, abs=0.5)
     assert latency == pytest.approx(0.3, abs=0.02)
-
-
-def test_confidence_band_covers_the_truth_as_often_as_it_says():
-    rng = np.random.default_rng(0)
-    _, low, high = erp.confidence_band(rng.normal(1.0, 2.0, (6, 4000)))
-    assert np.mean((low < 1.0) & (high > 1.0)) == pytest.approx(0.95, abs=0.015)
 
 
 def test_every_parameter_of_the_simulation_says_where_it_comes_from():

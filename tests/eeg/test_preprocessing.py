@@ -66,6 +66,16 @@ def test_the_continuous_signal_holds_the_epochs_bit_for_bit(cache):
         np.testing.assert_array_equal(epoch, data[:, first : first + 512])
 
 
+def test_the_window_can_start_before_the_feedback(cache):
+    epochs = load_epochs("simulated", "s03")
+    longer = load_epochs("simulated", "s03", Preprocessing(before=0.2))
+    assert longer.tmin == -51 / 256 and longer.metadata.equals(epochs.metadata)
+    np.testing.assert_array_equal(longer.get_data()[..., 51:], epochs.get_data())
+    raw, _ = load_continuous("simulated", "s03")
+    first = epochs.metadata["sample"][0]
+    np.testing.assert_array_equal(longer.get_data()[0], raw.get_data()[:, first - 51 : first + 512])
+
+
 def test_a_second_call_gives_the_cached_epochs(cache, monkeypatch):
     first = load_epochs("simulated", "s03")
     monkeypatch.setattr(preprocessing, "load_continuous", None)
