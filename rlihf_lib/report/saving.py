@@ -1,17 +1,23 @@
 """Where figures and tables are saved, and what each figure was drawn from: `manifest.json`."""
 
 import json
+import re
 import textwrap
 from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from rlihf_lib.files import atomic_path, sha256, write_csv, write_text
+from rlihf_lib.report.style import SMALL, WIDEST
 from rlihf_lib.study import REPOSITORY
 
-# Of captions; pandas escapes cells.
-LATEX = str.maketrans({"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "·": r"$\cdot$"})
+# Needs booktabs and graphicx; a table that is wider than the page is made as wide.
+FIT = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+ESCAPES = {c: f"\\{c}" for c in "#$%&_{}"} | {c: f"${c}$" for c in "<>"}
+ESCAPES |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+ESCAPES |= {"±": r"$\pm$", "·": r"$\cdot$"}
 
 
 def caption(study, says: str = "") -> str:
@@ -25,11 +31,14 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
     In `figures/<study>/`; `notebook`, such as "02_loso_decoder", draws it from `sources`: files, or
     ids of runs (their `eval.csv`). `says`, such as "3 people x 2 seeds", is for the `caption`.
     Returns the PNG. A source that does not exist raises FileNotFoundError: a figure from nowhere is
-    not saved.
+    not saved. Nor is what print can't show, a ValueError: a figure wider than two columns, or text
+    below 7 pt.
     """
     hashes = hash_sources(study, name, sources)
-    letters = int(22 * fig.get_figwidth())  # of 6 pt, 22 an inch
-    fig.supxlabel(textwrap.fill(caption(study, says), letters), fontsize=6, color="#555555")
+    letters = int(19 * fig.get_figwidth())  # of 7 pt, 19 an inch
+    words = textwrap.fill(caption(study, says).replace(" %", "\N{NO-BREAK SPACE}%"), letters)
+    fig.supxlabel(words, fontsize=SMALL, color="#555555")
+    _require_printable(fig, name)
     engine = fig.get_layout_engine()
     if engine:
         engine.execute(fig)
@@ -41,6 +50,15 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
     fig.set_layout_engine(engine or "none")
     enter(study, name, notebook, hashes)
     return study.figures / f"{name}.png"
+
+
+def _require_printable(fig, name):
+    if (width := 2.54 * fig.get_figwidth()) > WIDEST:
+        raise ValueError(f"figure {name} is {width:.1f} cm wide; {WIDEST} cm is the most")
+    for text in fig.findobj(Text):
+        words, size, shown = text.get_text(), text.get_fontsize(), text.get_visible()
+        if words and size < SMALL and shown and (text.axes is None or text.axes.get_visible()):
+            raise ValueError(f"figure {name}: {words!r} has {size:g} pt; {SMALL} pt is the least")
 
 
 def manifest(study) -> dict:
@@ -111,14 +129,20 @@ def typeset(shown: pd.DataFrame, says: str) -> dict[str, str]:
     cells = shown.astype(object).where(shown.notna(), "").astype(str)
     rows = [cells.columns, ["---"] * n, *cells.to_numpy()]
     markdown = ["| " + " | ".join(row) + " |" for row in rows]
-    latex = cells.to_latex(index=False, escape=True, caption=says.translate(LATEX), position="t")
+    latex = cells.map(_latex).rename(columns=_latex).to_latex(index=False, caption=_latex(says))
     lines = latex.replace("{table}", "{table*}").splitlines()
     body = lines.index(r"\midrule") + 1
     for i in reversed(range(1, len(cells) if named else 0)):
         if (block := shown.index[i]) != shown.index[i - 1]:
             markdown.insert(2 + i, f"| *{block}*" + " | " * (n - 1) + " |")
-            heading = rf"\multicolumn{{{n}}}{{l}}{{\emph{{{block}}}}} \\"
+            heading = rf"\multicolumn{{{n}}}{{l}}{{\emph{{{_latex(block)}}}}} \\"
             lines[body + i : body + i] = [r"\midrule", heading]
-    lines.insert(1, r"\centering")
+    lines[1:1] = [r"\centering\footnotesize\setlength{\tabcolsep}{3pt}"]
+    lines[3:3], lines[-1:-1] = [FIT], ["}"]
     texts = {".md": [says, "", *markdown], ".tex": lines}
     return {suffix: "\n".join([*text, ""]) for suffix, text in texts.items()}
+
+
+def _latex(text):
+    """Escape a text; a minus is one, not a hyphen."""
+    return re.sub(r"(?<!\w)-(?=[\d ])", "$-$", text.translate(str.maketrans(ESCAPES)))

@@ -158,7 +158,7 @@ def weight_comparison(runs: pd.DataFrame) -> pd.DataFrame:
     """Compare every two weights in the late phase, larger minus smaller; as `comparison_table`."""
     weights = dict(list(late_scores(runs).query("group == 'rlihf'").groupby("w_hf")))
     return _family(
-        {"comparison": f"{b:g} - {a:g}", **compare(weights[b], weights[a], metric)}
+        {"comparison": f"RLIHF {b:g} - {a:g}", **compare(weights[b], weights[a], metric)}
         for metric in ("return", "success")
         for a, b in combinations(weights, 2)
     )
@@ -174,6 +174,7 @@ def _family(rows, tests=("p",)):
 def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
     """Lay comparisons out as strings: each p with the smallest that could come out in brackets."""
     shown = table[["metric", "comparison"]].replace({"metric": {"_": " "}}, regex=True)
+    shown.columns = ["metric", "compared, late phase"]
     rows = list(table.itertuples())
     shown["difference"] = [_text(r.metric, r.difference, r.ci_low, r.ci_high) for r in rows]
     shown["P(better)"] = [
@@ -201,7 +202,7 @@ def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
         low, high = st.mean_interval(own["success"], st.PROBABILITY)
         rows.append(
             {
-                "subject": person, "comparison": f"{person} - {label('dense')}",
+                "subject": person, "comparison": f"RLIHF {person} - {label('dense')}",
                 "success": own["success"].mean(),
                 "success_low": low, "success_high": high, "dense": dense["success"].mean(),
                 "return": own["return"].mean(), **compare(own, dense, "success", True),

@@ -73,6 +73,7 @@ def test_rlihf_is_compared_with_baselines_over_people_and_seeds(runs):
     deviation = table.loc[("RLIHF - RL sparse", "path_deviation")]
     assert deviation["difference"] < 0 and deviation["improvement"] == 1, "less is better"
     shown = tables.show_comparison(table.reset_index())
+    assert shown.loc[1, "compared, late phase"] == "RLIHF - RL dense"
     assert shown.loc[1, "p"].endswith(" (0.00032)") and shown.loc[0, "p, equivalent"] == ""
 
 
@@ -90,7 +91,7 @@ def test_controls_are_compared_with_the_same_persons_runs(runs, supplement):
 
 def test_weights_are_paired_over_people(weighed):
     table = tables.weight_comparison(weighed).set_index(["metric", "comparison"])
-    row = table.loc[("success", "0.7 - 0.1")]
+    row = table.loc[("success", "RLIHF 0.7 - 0.1")]
     means = late_scores(weighed).groupby("w_hf")["success"].mean()
     assert row["difference"] == pytest.approx(means[0.7] - means[0.1])
     assert row["n"] == "12 people, paired" and row["smallest_p"] == 2 / 4096
