@@ -51,12 +51,11 @@ def waves_figure(waves: pd.DataFrame, components: Sequence[tuple] = ()) -> Figur
         upper.set_title(channel)
         lower.set(xlabel="Time after feedback (ms)", xlim=MS * error.index[[0, -1]])
         for sign, start, stop in components if channel == "Cz" else ():
-            lower.axvspan(
-                MS * start, MS * stop, color="0.94" if sign > 0 else "0.87", lw=0, zorder=0
-            )
-            place = MS * (start + stop) / 2, 0.95 if sign > 0 else 0.05
-            look = {"ha": "center", "va": "center", "transform": lower.get_xaxis_transform()}
-            lower.text(*place, f"{'P' if sign > 0 else 'N'}{place[0]:.0f}", fontsize=7, **look)
+            kind, y, grey = ("P", 0.95, "0.94") if sign > 0 else ("N", 0.05, "0.87")
+            lower.axvspan(MS * start, MS * stop, color=grey, lw=0, zorder=0)
+            middle, across = MS * (start + stop) / 2, lower.get_xaxis_transform()
+            look = {"fontsize": 7, "ha": "center", "va": "center", "transform": across}
+            lower.text(middle, y, f"{kind}{middle:.0f}", **look)
     axes[0, 0].set_ylabel("Mean response (µV)")
     axes[1, 0].set_ylabel("Error − correct (µV)")
     axes[1, 0].margins(y=0.15)  # room for the names

@@ -5,8 +5,9 @@ import mne
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from scipy import stats
 
-from rlihf_lib.eeg.erp import confidence_band, difference_wave
+from rlihf_lib.eeg.erp import difference_wave
 from rlihf_lib.eeg.scores import reliability
 from rlihf_lib.report import figures_policy, figures_task, paper, style
 from rlihf_lib.report.evaluations import RANGES, unit_means
@@ -29,7 +30,8 @@ def person_view(epochs: mne.BaseEpochs, channel: str) -> Figure:
     shown = (epochs.times >= SHOWN[0]) & (epochs.times <= SHOWN[1])
     for event in ("correct", "error"):
         values = UV * epochs[event].get_data(picks=[channel])[:, 0, shown]
-        mean, low, high = confidence_band(values)
+        mean = values.mean(axis=0)
+        low, high = stats.t.interval(0.95, len(values) - 1, mean, stats.sem(values))
         look = {"color": style.COLORS[event]}
         waves.plot(MS * epochs.times[shown], mean, label=f"{event} ({len(values)} epochs)", **look)
         waves.fill_between(MS * epochs.times[shown], low, high, alpha=0.25, lw=0, **look)
@@ -82,7 +84,7 @@ def threshold_view(table: pd.DataFrame, threshold: float) -> Figure:
     axes[1].grid(False)
     promised, observed, _ = reliability(p, labels)
     axes[2].plot([0, 1], [0, 1], **style.REFERENCE)
-    axes[2].plot(promised, observed, "o-", color=style.COLORS["rlihf"], ms=3.5)
+    axes[2].plot(promised, observed, "o-", color=style.COLORS["online"], ms=3.5)
     axes[2].set(xlabel="Promised p(error)", ylabel="Observed errors", xlim=(0, 1), ylim=(0, 1))
     return fig
 
@@ -128,14 +130,14 @@ def weight_view(env, recordings: dict, runs: pd.DataFrame, weight: float) -> Fig
         1, 2, figsize=(style.PAGE_WIDTH, 3.2), width_ratios=(1.6, 1)
     )
     figures_task.top_view(env, top)
-    late = runs[runs["phase"] == "Late"]
-    late = late.assign(cm=100 * late["min_clearance"])
+    late = runs[runs["phase"] == "Late"].assign(cm=lambda rows: 100 * rows["min_clearance"])
+    shades = style.shades(late.loc[late["group"] == "rlihf", "w_hf"])
     shown = {
         "dense": ("dense", late["group"] == "dense"),
         weight: ("rlihf", (late["group"] == "rlihf") & (late["w_hf"] == weight)),
     }
     for x, (key, (group, rows)) in enumerate(shown.items()):
-        look = style.line_style(group)
+        look = style.line_style(group) | ({"color": shades[weight]} if key == weight else {})
         words = style.label(group) + (f", $w_{{hf}}$ = {weight:g}" if group == "rlihf" else "")
         for recording in recordings[key]:
             top.plot(*recording.hand[:, figures_task.FROM_ABOVE].T, lw=1.2, **look)
