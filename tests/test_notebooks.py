@@ -140,7 +140,8 @@ def test_every_figure_is_pdf_and_png_and_its_sources_are_unchanged(smoke):
         assert entry["notebook"] in NAMES
         starts = {"pdf": b"%PDF", "png": b"\x89PNG"}
         if name.startswith("film"):
-            starts = {"gif": b"GIF89a"}
+            starts = {"gif": b"GIF89a", "mp4": b"\x00\x00\x00\x20ftyp"}
+            assert all((study.figures / f"{name}.{end}").stat().st_size < 1.5e6 for end in starts)
         for suffix, start in starts.items():
             assert (study.figures / f"{name}.{suffix}").read_bytes().startswith(start)
     assert not stale(study)

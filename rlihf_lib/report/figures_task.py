@@ -1,4 +1,4 @@
-"""Fig. 3, the task as a rendering beside a labelled top view; paths executed in it; films."""
+"""Fig. 3, the task as a rendering beside a labelled top view; paths executed in it."""
 
 import tempfile
 from collections.abc import Iterator
@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
-from rlihf_lib.report.saving import enter, hash_sources, manifest
 from rlihf_lib.report.style import LABELS, PAGE_WIDTH, line_style
 from rlihf_lib.task.gym_env import PickPlaceEnv
-from rlihf_lib.task.rendering import film, project, render
+from rlihf_lib.task.rendering import project, render
 from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
 OBJECT_COLOURS = {
@@ -28,7 +27,6 @@ FROM_ABOVE, FROM_FRONT = (1, 0), (1, 2)
 # Names in the rendering stand below what they name, but for these: points right and up of it.
 BESIDE = {"can": (0, 16), "cereal": (-22, 0), "bottle": (24, 8), "hand": (-27, 0)}
 ZONE_GREYS = (("#F6F6F6", "#A8A8A8"), ("#E9E9E9", "#555555"))  # inside and outline, outer first
-FILM_STEPS = 80  # control steps of a film, 0.1 s each
 
 
 def task_figure(seed: int = 0) -> Figure:
@@ -64,21 +62,6 @@ def scene(seed: int = 0) -> np.ndarray | None:
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "scene.png"
         return plt.imread(picture) if render(picture, seed) else None
-
-
-def save_film(recording, study, name: str, notebook: str, sources) -> Path | None:
-    """Save a film of an `evaluation.Recording` as GIF; other arguments as of `save_figure`.
-
-    Rendering takes half a minute without a graphics card, so a film of the same sources is kept.
-    Returns None where no OpenGL library can render it.
-    """
-    hashes = hash_sources(study, name, sources)
-    path = study.figures / f"{name}.gif"
-    if not path.is_file() or manifest(study).get(name, {}).get("sources") != hashes:
-        if not film(path, recording.qpos[:FILM_STEPS], recording.seed):
-            return None
-        enter(study, name, notebook, hashes)
-    return path
 
 
 def silhouettes(workspace, name: str, view: tuple, margin: float = 0.0) -> Iterator[np.ndarray]:

@@ -64,9 +64,11 @@ class Recording:
 
     hand: np.ndarray  # positions, metres, shape (n, 3)
     can: np.ndarray  # positions of its centre, metres, shape (n, 3)
-    qpos: np.ndarray  # generalised positions, shape (n, nq), for `task.rendering.film`
+    qpos: np.ndarray  # generalised positions, shape (n, nq), for `task.rendering.render_rollout`
     seed: int  # of the placement
     success: bool  # whether the can was placed
+    moments: tuple[Moment, ...] = ()  # of the n - 1 steps
+    stages: tuple[str, ...] = ()  # of the lay person's task, in which each step was made
 
 
 def record(env: PickPlaceEnv, act: Act, seed: int) -> Recording:
@@ -76,12 +78,13 @@ def record(env: PickPlaceEnv, act: Act, seed: int) -> Recording:
         return env.controller.hand.copy(), env.body("can"), env.data.qpos.copy()
 
     env.reset(seed=seed)
-    states = [look()]
+    states, steps = [look()], []
     for *_, info in rollout(env, act, seed):
         states.append(look())
-        success = info["is_success"]
+        steps.append((info["moment"], env.stages.stage))
     hand, can, qpos = (np.array(part) for part in zip(*states, strict=True))
-    return Recording(hand, can, qpos, seed, success)
+    moments, stages = zip(*steps, strict=True)
+    return Recording(hand, can, qpos, seed, moments[-1].success, moments, stages)
 
 
 def policy_of(model: SAC) -> Act:

@@ -8,6 +8,7 @@ that both classes answer alike.
 
 import numpy as np
 import pandas as pd
+from scipy.special import expit, logit, ndtri
 
 from rlihf_lib.files import sha256
 
@@ -38,6 +39,18 @@ def with_controls(p_error: pd.DataFrame, person: str) -> pd.DataFrame:
 def perfect_table() -> pd.DataFrame:
     """Return the p(error) table of an ideal decoder, p = label."""
     return pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.0, 1.0]})
+
+
+def synthetic_table(d_prime: float, prior: float, n: int = 200) -> pd.DataFrame:
+    """Return the p(error) table of a decoder whose classes lie `d_prime` standard deviations apart.
+
+    What it decodes is normal in both classes, `n` epochs each at equal quantiles; p(error) is what
+    Bayes makes of it and of the `prior` share of errors. Its AUROC is Phi(d' / sqrt(2)).
+    """
+    label = np.repeat([0, 1], n)
+    evidence = np.tile(ndtri((np.arange(n) + 0.5) / n), 2) + d_prime * (label - 0.5)
+    p_error = expit(d_prime * evidence + logit(prior))
+    return pd.DataFrame({"epoch": np.arange(2 * n), "label": label, "p_error": p_error})
 
 
 def rows_of(p_error: pd.DataFrame | None, subject: str) -> pd.DataFrame:

@@ -75,12 +75,12 @@ class Observer:
                 raise ValueError(
                     f"the p(error) table has no epoch of class {name!r}; the observer needs both"
                 )
-        self._rng, self._looks_wrong, self._decode = rng, looks_wrong, decode
+        self._rng, self.looks_wrong, self._decode = rng, looks_wrong, decode
         self.errors_seen = 0  # moments that looked wrong so far
 
     def watch(self, moment: Moment, n: int = 1) -> np.ndarray:
         """Answer a moment of `n` control steps by p(error), (n,), of epochs it evokes, Eq. (3)."""
-        wrong = int(self._rng.random() < self._looks_wrong(moment))
+        wrong = int(self._rng.random() < self.looks_wrong(moment))
         self.errors_seen += wrong
         rows = self._rows[wrong]
         # One at a time: nearly always n is 1, and an array costs thrice as much.

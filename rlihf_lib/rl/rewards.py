@@ -80,7 +80,7 @@ class TrainingReward(gym.Wrapper):
     """Replace the reward of a `PickPlaceEnv` by that of a condition: "sparse", "dense" or "rlihf".
 
     "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times the feedback of an
-    `Observer`. `discount` is the learner's.
+    `Observer`, whose answers the others leave alone. `discount` is the learner's.
     """
 
     def __init__(
@@ -94,12 +94,18 @@ class TrainingReward(gym.Wrapper):
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; the reward is r_task plus that of the condition."""
         observation, _, terminated, truncated, info = self.env.step(action)
-        moment = info["moment"]
-        reward = task_reward(moment, self.discount)
+        reward, _ = self.judge(info["moment"])
+        return observation, reward, terminated, truncated, info
+
+    def judge(self, moment: Moment) -> tuple[float, float]:
+        """Return a moment's reward and the p(error) it evokes; NaN where nobody watches."""
+        reward, p_error = task_reward(moment, self.discount), np.array([np.nan])
+        over = moment.success or moment.lost
+        if self.observer:
+            p_error = self.observer.watch(moment, AFTERWARDS if over else 1)
         if self.condition == "dense" and not moment.success:
             reward += self.engineered(moment)
         elif self.condition == "rlihf":
-            over = moment.success or moment.lost
-            feedback = errp_reward(self.observer.watch(moment, AFTERWARDS if over else 1))
+            feedback = errp_reward(p_error)
             reward += self.w_hf * float(self._discounts @ feedback if over else feedback[0])
-        return observation, reward, terminated, truncated, info
+        return reward, float(p_error[0])

@@ -91,6 +91,20 @@ class _Record(BaseCallback):
         return table.astype(dict.fromkeys(table.columns[2:], np.float32))
 
 
+def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingReward:
+    """Give an environment a config's reward, and the observer that rows of p(error) answer.
+
+    Nobody watches if `rows` is None; `rng` and `decode` are the `Observer`'s.
+    """
+    looks_wrong, engineered = (
+        value if callable(value) else known[value]
+        for value, known in ((config.observer, OBSERVERS), (config.reward, REWARDS))
+    )
+    observer = None if rows is None else Observer(rows, rng, looks_wrong, decode)
+    weights = config.sac.discount, config.w_hf
+    return TrainingReward(env, config.condition, *weights, observer, engineered)
+
+
 def train_run(
     config: RunConfig, p_error=None, progress=lambda step, success: None, decode=None
 ) -> dict[str, bytes]:
@@ -114,25 +128,21 @@ def train_run(
     torch.set_num_threads(1)
     # One stream per use, so that a change in one leaves the others as they were.
     placement, watching, learning = np.random.SeedSequence(config.seed).generate_state(3)
-    observer, looks_wrong, reward = None, config.observer, config.reward
+    rows = None
     if config.subject:
         check_feedback([config], p_error)
-        rows, rng = rows_of(p_error, config.subject), np.random.default_rng(watching)
-        looks_wrong = looks_wrong if callable(looks_wrong) else OBSERVERS[looks_wrong]
-        observer = Observer(rows, rng, looks_wrong, decode)
-    env = TrainingReward(
-        PickPlaceEnv(config.horizon, config.patience), config.condition, config.sac.discount,
-        config.w_hf, observer, reward if callable(reward) else REWARDS[reward],
-    )  # fmt: skip
+        rows = rows_of(p_error, config.subject)
+    task = PickPlaceEnv(config.horizon, config.patience)
+    env = training_reward(task, config, rows, np.random.default_rng(watching), decode)
     env.reset(seed=int(placement % EVALUATION_SEEDS))
     model = make_sac(env, config.sac, int(learning), LOG_EVERY)
-    record = _Record(config, observer, progress)
+    record = _Record(config, env.observer, progress)
     model.learn(config.total_steps, callback=record)
     provenance = {
         **_provenance(),
         "wall_seconds": round(time.perf_counter() - started, 1),
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
-        "errors_seen": observer.errors_seen if observer else 0,
+        "errors_seen": env.observer.errors_seen if env.observer else 0,
     }
     texts = {
         "config.json": canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",

@@ -53,10 +53,12 @@ class Stages:
 
     def __init__(self, goal: np.ndarray):
         self._goal, self._least = goal, dict[str, float]()
+        self.stage = STAGES[0]  # the stage of the last step
 
     def nearer(self, state: State) -> float:
         """Metres by which the present stage is nearer to its end than ever before."""
         stage, left = self._present(state)
+        self.stage = stage
         before = self._least.get(stage)
         self._least[stage] = left if before is None else min(before, left)
         if before is not None:

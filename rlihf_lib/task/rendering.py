@@ -1,4 +1,4 @@
-"""Pictures and films of the scene, off-screen.
+"""Pictures of the scene and of rollouts in it, off-screen.
 
 MuJoCo chooses its OpenGL library when it is first imported, and a missing one can end the process;
 so they are rendered in a process of their own, with EGL or else OSMesa.
@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 
 # Width and height, pixels; what the camera looks at, its distance, m; azimuth, elevation, degrees.
 PICTURE = (1050, 1050, (-0.2, 0.0, 1.14), 1.3, 198.0, -32.0)
-FILM = (320, 240, (-0.2, 0.0, 1.0), 1.2, 160.0, -25.0)
-FILM_COLOURS = 64  # of the palette; keeps a film to a few hundred kB
+FILM_CAMERA = ((-0.15, 0.0, 0.98), 1.1, 160.0, -25.0)
 
 
 def render(path: str | Path, seed: int = 0) -> str:
@@ -37,15 +36,17 @@ def project(points: np.ndarray) -> np.ndarray:
     return np.array([width, height]) / 2 - across
 
 
-def film(path: str | Path, qpos: np.ndarray, seed: int) -> str:
-    """Render a rollout in the placement of a seed to a GIF file; see `render`.
+def render_rollout(qpos: np.ndarray, seed: int, width: int, height: int) -> np.ndarray | None:
+    """Render a rollout in the placement of a seed; None where there is no OpenGL library.
 
-    `qpos` are generalised positions, (n_frames, nq), as in `rlihf_lib.rl.evaluation.Recording`.
+    `qpos` are generalised positions, (n, nq), as in `rlihf_lib.rl.evaluation.Recording`. Returns
+    RGB pictures, uint8, (n, height, width, 3).
     """
     with tempfile.TemporaryDirectory() as folder:
-        positions = Path(folder) / "qpos.npy"
+        positions, pictures = Path(folder) / "qpos.npy", Path(folder) / "pictures.npy"
         np.save(positions, qpos)
-        return _in_own_process(path, seed, positions)
+        done = _in_own_process(pictures, seed, positions, width, height)
+        return np.load(pictures) if done else None
 
 
 def _in_own_process(*arguments):
@@ -58,7 +59,7 @@ def _in_own_process(*arguments):
     return ""
 
 
-def _render_here(path, seed, positions=None):
+def _render_here(path, seed, positions=None, *size):
     import mujoco
     from PIL import Image
 
@@ -68,9 +69,10 @@ def _render_here(path, seed, positions=None):
 
     env = PickPlaceEnv(workspace=Workspace(fast=False))  # the fast one has no visual meshes
     env.reset(seed=int(seed))
-    width, height, *view = FILM if positions else PICTURE
+    width, height = map(int, size or PICTURE[:2])
     env.model.vis.global_.offwidth, env.model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
+    view = FILM_CAMERA if positions else PICTURE[2:]
     camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = view
     options = mujoco.MjvOption()
     options.geomgroup[0], options.geomgroup[1] = 0, 1  # meshes, not collision shapes
@@ -81,13 +83,11 @@ def _render_here(path, seed, positions=None):
             env.data.qpos[:] = qpos
             mujoco.mj_forward(env.model, env.data)
             renderer.update_scene(env.data, camera, options)
-            frames.append(Image.fromarray(renderer.render()))
+            frames.append(renderer.render())
+    if positions:
+        return np.save(path, frames)
     with atomic_path(path) as temporary:
-        if not positions:
-            return frames[0].save(temporary, "PNG")
-        first, *others = (f.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for f in frames)
-        animated = {"save_all": True, "append_images": others, "loop": 0, "optimize": True}
-        first.save(temporary, "GIF", **animated, duration=100)  # ms, as a control step takes
+        Image.fromarray(frames[0]).save(temporary, "PNG")
 
 
 if __name__ == "__main__":

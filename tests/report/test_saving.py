@@ -6,14 +6,12 @@ import shutil
 import subprocess
 
 import matplotlib.pyplot as plt
-import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import figures_policy, figures_task
+from rlihf_lib.report import figures_policy
 from rlihf_lib.report.evaluations import load_runs
 from rlihf_lib.report.saving import save_figure, save_table, typeset
-from rlihf_lib.rl.evaluation import Recording
 
 PAGE = r"""\documentclass[twocolumn]{article}\usepackage{booktabs,graphicx}\begin{document}
 %s
@@ -56,24 +54,6 @@ def test_what_is_not_seen_may_be_small_and_fonts_are_embedded(study):
     save_figure(fig, study, "small", "04_metrics_tables")
     pdf = (study.figures / "small.pdf").read_bytes()
     assert b"/FontFile2" in pdf and b"/Type3" not in pdf
-
-
-def test_a_film_is_rendered_anew_only_if_what_it_shows_has_changed(study, monkeypatch):
-    rendered = []
-
-    def render(path, qpos, seed):
-        rendered.append(seed)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(b"GIF")
-        return "egl"
-
-    monkeypatch.setattr(figures_task, "film", render)
-    recording = Recording(None, None, np.zeros((3, 9)), 7, True)
-    source = study.decoder / "scores.csv"
-    for text in ("subject,auroc\n", "subject,auroc\n", "subject,auroc\ns02,0.5\n"):
-        source.write_text(text)
-        figures_task.save_film(recording, study, "film_dense", "03_policy_training", [source])
-    assert rendered == [7, 7]
 
 
 def test_latex_is_escaped_and_has_booktabs_lines(study):

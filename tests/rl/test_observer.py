@@ -3,9 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import norm
+from sklearn.metrics import roc_auc_score
 
 from rlihf_lib.rl.evaluation import rollout
-from rlihf_lib.rl.feedback import perfect_table
+from rlihf_lib.rl.feedback import perfect_table, synthetic_table
 from rlihf_lib.rl.observer import Observer, comfort, lay_observer, path_observer
 from rlihf_lib.rl.runs import RunConfig
 from rlihf_lib.task.gym_env import PickPlaceEnv
@@ -87,3 +89,13 @@ def test_expert_mostly_looks_right(observer, share):
         for *_, info in rollout(env, expert_action, seed)
     ]
     assert np.mean(wrong) < share
+
+
+@pytest.mark.parametrize("d_prime", [0.0, 1.0, 2.5])
+def test_synthetic_decoder_is_as_good_as_asked_for_and_calibrated(d_prime):
+    table, prior = synthetic_table(d_prime, 0.2), 0.2
+    known = norm.cdf(d_prime / np.sqrt(2))
+    assert roc_auc_score(table["label"], table["p_error"]) == pytest.approx(known, abs=0.005)
+    right, wrong = table.groupby("label")["p_error"].mean()
+    assert (1 - prior) * right + prior * wrong == pytest.approx(prior, abs=0.005)
+    assert len(table) == table["epoch"].nunique() and table["p_error"].between(0, 1).all()
