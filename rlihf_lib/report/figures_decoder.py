@@ -63,7 +63,7 @@ def scores_figure(scores: pd.DataFrame) -> Figure:
         ax.tick_params(axis="x", rotation=60)
         ax.set(xlabel="Held-out subject", ylabel=SCORES[column])
     axes[0].axhline(0.5, **REFERENCE)
-    chance, words = ranked["balanced_accuracy_chance"], "Chance; right: 95 % of permuted labels"
+    chance, words = ranked["balanced_accuracy_chance"], "Chance; right: 95th percentile if permuted"
     axes[1].plot(ranked["subject"], chance, "_", color=REFERENCE["color"], ms=9, label=words)
     fig.legend(*axes[1].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
