@@ -13,12 +13,13 @@ from papermill.parameterize import parameterize_notebook
 from rlihf_lib.exercises import judge
 from rlihf_lib.regenerate import NOTEBOOKS
 from rlihf_lib.study import REPOSITORY
+from tests.eeg.conftest import planted_epochs
 
 TAG = re.compile(r"exercise-(\d+)$")
 FENCED = re.compile(r"<details>.*?```python\n(.*?)\n```.*?</details>", re.S)
 SHIPPED = "results/quick-simulated"
-#: Small enough to be computed here; the other notebooks run on what is shipped for `quick`.
-SMOKE = ("01_dataset_preprocessing", "02_loso_decoder")
+#: What is small enough to be computed here; other notebooks run on what is shipped for `quick`.
+SMALL = {"01_dataset_preprocessing": "simulated", "02_loso_decoder": "a folder of epochs"}
 #: Wrong answers to the exercises of a notebook, and a word of the hint.
 WRONG = {
     "01_dataset_preprocessing": {
@@ -66,10 +67,15 @@ class Reader:
 
     def __init__(self, name, out):
         self.name = name
-        profile = "smoke" if name in SMOKE else "quick"
-        if profile == "quick":
+        parameters = {"out": str(out), "workers": 1}
+        if name in SMALL:
+            parameters["profile"] = "smoke"
+        else:
             shutil.copytree(REPOSITORY / SHIPPED, out / SHIPPED)
-        parameters = {"profile": profile, "out": str(out), "workers": 1}
+        if SMALL.get(name) == "a folder of epochs":
+            parameters["eeg"] = str(out)
+            for number in (1, 2, 3):
+                planted_epochs(number, amplitude=3e-6).save(out / f"sub-{number}_epo.fif")
         self.nb = parameterize_notebook(SOURCES[name], parameters)
         last = tagged(self.nb, f"check-{max(exercises(self.nb))}")
         self.nb.cells = self.nb.cells[: last + 1]
