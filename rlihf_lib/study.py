@@ -68,8 +68,9 @@ class Study:
         self.results = self.out / "results" / self.name
         self.decoder = self.results / "decoder"
         self.runs = self.results / "runs"
+        self.shipped_figures = self.out / "figures" / self.name
         self.shipped_tables = self.results / "tables"
-        self.figures, self.tables = self.out / "figures" / self.name, self.shipped_tables
+        self.figures, self.tables = self.shipped_figures, self.shipped_tables
         if not ship and self.out == REPOSITORY:
             self.figures, self.tables = (self.results / "yours" / n for n in ("figures", "tables"))
         self.notebooks = self.results / "notebooks"

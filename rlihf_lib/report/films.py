@@ -52,10 +52,11 @@ def save_film(takes: dict, person: str, study, name: str, notebook: str, sources
     Rendering takes half a minute without a graphics card, so a film of the same sources is kept.
     Returns the GIF; None where no OpenGL library can render it.
     """
-    hashes, gif = hash_sources(study, name, sources), study.figures / f"{name}.gif"
-    known = manifest(study).get(name, {}).get("sources")
-    if known == hashes and all(gif.with_suffix(suffix).is_file() for suffix in ENCODERS):
-        return gif
+    hashes = hash_sources(study, name, sources)
+    for figures in (study.shipped_figures, study.figures):
+        gif, known = figures / f"{name}.gif", manifest(figures).get(name, {}).get("sources")
+        if known == hashes and all(gif.with_suffix(suffix).is_file() for suffix in ENCODERS):
+            return gif
     width, scenes = ALONE if len(takes) == 1 else ABREAST, []
     for run, _ in takes.values():
         scene = render_rollout(run.qpos[: STEPS + 1], run.seed, width, SCENE)

@@ -61,15 +61,15 @@ def _require_printable(fig, name):
             raise ValueError(f"figure {name}: {words!r} has {size:g} pt; {SMALL} pt is the least")
 
 
-def manifest(study) -> dict:
-    """Read what a study's figures were drawn from: name -> notebook, sources with their hashes."""
-    path = study.figures / "manifest.json"
+def manifest(figures: Path) -> dict:
+    """Read what a folder's figures were drawn from: name -> notebook, sources with their hashes."""
+    path = figures / "manifest.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def enter(study, name: str, notebook: str, hashes: dict) -> None:
     """Enter a figure in the manifest."""
-    entries = manifest(study) | {name: {"notebook": notebook, "sources": hashes}}
+    entries = manifest(study.figures) | {name: {"notebook": notebook, "sources": hashes}}
     text = json.dumps(entries, indent=1, sort_keys=True) + "\n"
     write_text(study.figures / "manifest.json", text)
 
@@ -81,7 +81,7 @@ def stale(study) -> list[str]:
         paths = [folder / source for folder in (study.out, REPOSITORY)]
         return any(path.is_file() and sha256(path) == known for path in paths)
 
-    sources = {name: entry["sources"].items() for name, entry in manifest(study).items()}
+    sources = {name: entry["sources"].items() for name, entry in manifest(study.figures).items()}
     return [name for name in sources if not all(unchanged(*source) for source in sources[name])]
 
 
