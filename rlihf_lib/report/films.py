@@ -76,14 +76,16 @@ def save_film(takes: dict, person: str, study, name: str, notebook: str, sources
         pictures.append(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
     plt.close(figure)
     for suffix in ENCODERS:
-        _encode(gif.with_suffix(suffix), pictures)
+        # Several scenes at half the rate, or the notebook that shows the GIF gets too large.
+        every = 2 if suffix == ".gif" and len(takes) > 1 else 1
+        _encode(gif.with_suffix(suffix), pictures[::every], every * STEP)
     enter(study, name, notebook, hashes)
     return gif
 
 
-def _encode(path, pictures):
+def _encode(path, pictures, seconds):
     height, width, _ = pictures[0].shape
-    raw = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {1 / STEP:g} -i -"
+    raw = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {1 / seconds:g} -i -"
     options = f"-loglevel error {raw} {ENCODERS[path.suffix]} {BITEXACT} -y".split()
     with atomic_path(path) as temporary:
         command = [get_ffmpeg_exe(), *options, str(temporary)]
