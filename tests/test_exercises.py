@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from tests.eeg.conftest import planted_epochs
 TAG = re.compile(r"exercise-(\d+)$")
 FENCED = re.compile(r"<details>.*?```python\n(.*?)\n```.*?</details>", re.S)
 SHIPPED = "results/quick-simulated"
-#: What is small enough to be computed here; other notebooks run on what is shipped for `quick`.
+#: What is small enough to be computed here. Exercises of the other notebooks need nothing but the
+#: cell of imports, as the teacher's page says, and what is shipped for `quick`.
 SMALL = {"01_dataset_preprocessing": "simulated", "02_loso_decoder": "a folder of epochs"}
 #: Wrong answers to the exercises of a notebook, and a word of the hint.
 WRONG = {
@@ -43,6 +45,38 @@ WRONG = {
             "def your_aurocs(*_): return 0.5, 0.5": "owner != held_out",
         },
     },
+    "03_policy_training": {
+        1: {
+            "hates_speed = lambda m: float(0.002 < m.best - m.remaining < 0.02)": "not P(right)",
+            "hates_speed = lambda m: float(m.best - m.remaining > 0.02)": "shouldn't please",
+            "hates_speed = lambda m: 2.0": "from 0 to 1",
+            "hates_speed = lambda m: m.speed": "It stops with AttributeError",
+        },
+        2: {
+            "hacked = lambda m: max(0.0, m.best - m.remaining)": "No cheat pays",
+            "hacked = lambda m: -m.gained": "doesn't sound right",
+        },
+    },
+    "04_metrics_tables": {
+        1: {
+            "seeds_needed = lambda m: 4 if m < 8 else 5": "mirror image",
+            "seeds_needed = lambda m: 5": "smallest p of four seeds",
+        },
+        2: {
+            "from rlihf_lib.task.scripted import expert_action as fool": "places the can",
+            "fool = lambda env: np.array([0, 0, 0, 1])": "Go straight on",
+        },
+    },
+    "05_whf_ablation": {
+        1: {
+            "weigh = lambda w, right, wrong: (w, 1.0)": "changes with the weight",
+            "weigh = lambda w, right, wrong: (0.0, 1.0)": "by SciPy's t",
+        },
+        2: {
+            "fooled = lambda right, wrong, k: np.mean(right[:, None] < wrong)": "right step wins",
+            "fooled = lambda right, wrong, k: np.mean(right[:, None] > wrong)": "mean of k answers",
+        },
+    },
 }
 
 
@@ -63,7 +97,7 @@ WITH_EXERCISES = sorted(name for name, nb in SOURCES.items() if exercises(nb))
 
 
 class Reader:
-    """Runs a notebook up to its last check, works on exercises, and reads what their checks say."""
+    """Runs a notebook to its last check, works on exercises, and reads what their checks say."""
 
     def __init__(self, name, out):
         self.name = name
@@ -76,9 +110,13 @@ class Reader:
             parameters["eeg"] = str(out)
             for number in (1, 2, 3):
                 planted_epochs(number, amplitude=3e-6).save(out / f"sub-{number}_epo.fif")
-        self.nb = parameterize_notebook(SOURCES[name], parameters)
+        self.nb = parameterize_notebook(deepcopy(SOURCES[name]), parameters)
         last = tagged(self.nb, f"check-{max(exercises(self.nb))}")
         self.nb.cells = self.nb.cells[: last + 1]
+        if name not in SMALL:
+            code = [i for i, cell in enumerate(self.nb.cells) if cell.cell_type == "code"]
+            imports = code[2]  # behind the parameters and those given here
+            self.nb.cells[imports + 1 : tagged(self.nb, "exercise-1")] = []
         self.client = NotebookClient(self.nb, kernel_name="python3")
 
     def run(self, source):
