@@ -21,7 +21,7 @@ def write_decoder(study, aurocs):
 
 
 def test_unknown_profiles_and_sources_are_named_with_the_choices(tmp_path):
-    with pytest.raises(ValueError, match="'tiny'; choose one of smoke, quick, paper"):
+    with pytest.raises(ValueError, match="'tiny'; choose one of smoke, class, quick, paper"):
         Study("tiny")
     with pytest.raises(ValueError, match="neither simulated nor hri nor a folder"):
         Study("smoke", tmp_path / "nothing")

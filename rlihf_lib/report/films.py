@@ -63,7 +63,7 @@ def save_film(takes: dict, person: str, study, name: str, notebook: str, sources
         if scene is None:
             return None
         scenes.append(scene)
-    says = f"p(error) of {person}'s epochs: blue, seen as right; orange, seen as wrong"
+    says = f"p(error) of {person}'s epochs: green, seen as right; purple, seen as wrong"
     figure, show = _sheet(takes, scenes, caption(study, says))
     for artist in show(0):
         artist.set_animated(True)  # drawn over the rest, which is drawn once

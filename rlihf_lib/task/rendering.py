@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 # Width and height, pixels; what the camera looks at, its distance, m; azimuth, elevation, degrees.
 PICTURE = (1050, 1050, (-0.2, 0.0, 1.14), 1.3, 198.0, -32.0)
-FILM_CAMERA = ((-0.15, 0.0, 0.98), 1.1, 160.0, -25.0)
+FILM_CAMERA = ((-0.15, 0.0, 1.0), 1.05, 198.0, -28.0)
 
 
 def render(path: str | Path, seed: int = 0) -> str:
