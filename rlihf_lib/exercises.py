@@ -37,20 +37,22 @@ def judge(number: int, yours: Any, right: Any, hints: dict[str, Any], praise: st
     print(f"Exercise {number}: {said}")
 
 
-def check(number: int, yours: Any, verdict: Callable[[Any], tuple[bool, str]]) -> None:
+def check(number: int, verdict: Callable[[], tuple[bool, str] | None]) -> None:
     """Print whether an answer that has to be tried out is right.
 
-    `verdict(yours)` tries it and returns whether it is right, and a sentence on what was seen. None
-    is an exercise that nobody has begun; what raises is told, so that the notebook goes on.
+    `verdict` tries it and returns whether it is right and what was seen, in a sentence or two; None
+    where nobody has worked yet. What raises is told, so that the notebook goes on.
     """
-    if yours is None:
-        print(f"Exercise {number}: nothing to check yet")
-        return
     try:
-        right, words = verdict(yours)
+        found = verdict()
     except Exception as error:
-        right, words = False, f"It stops with {type(error).__name__}: {error}"
-    print(f"Exercise {number}: {'right' if right else 'not yet'}. {words}")
+        found = False, f"It stops with {type(error).__name__}: {error}"
+    if found is None:
+        said = "nothing to check yet"
+    else:
+        right, words = found
+        said = f"{'right' if right else 'not yet'}. {words}"
+    print(f"Exercise {number}: {said}")
 
 
 def _is_like(right, yours):

@@ -11,7 +11,7 @@ from nbformat.v4 import new_code_cell
 from papermill.iorw import load_notebook_node
 from papermill.parameterize import parameterize_notebook
 
-from rlihf_lib.exercises import judge
+from rlihf_lib.exercises import check, judge
 from rlihf_lib.regenerate import NOTEBOOKS
 from rlihf_lib.study import REPOSITORY
 from tests.eeg.conftest import planted_epochs
@@ -47,34 +47,44 @@ WRONG = {
     },
     "03_policy_training": {
         1: {
-            "hates_speed = lambda m: float(0.002 < m.best - m.remaining < 0.02)": "not P(right)",
-            "hates_speed = lambda m: float(m.best - m.remaining > 0.02)": "shouldn't please",
-            "hates_speed = lambda m: 2.0": "from 0 to 1",
-            "hates_speed = lambda m: m.speed": "It stops with AttributeError",
+            "def your_observer(m): return float(m.best - m.remaining < 0.02)": "P(right)?",
+            "def your_observer(m): return float(m.best - m.remaining > 0.01)": "shouldn't please",
+            "def your_observer(m): return 100 * m.gained": "a probability",
+            "def your_observer(m): return m.speed": "no attribute 'speed'",
         },
         2: {
-            "hacked = lambda m: max(0.0, m.best - m.remaining)": "No cheat pays",
-            "hacked = lambda m: -m.gained": "doesn't sound right",
+            "def your_reward(m): return max(0, m.best - m.remaining)": "No cheat pays",
+            "def your_reward(m): return float(m.success)": "No cheat pays",
+            "def your_reward(m): return 1.0 - m.success": "can not placed, is paid better",
+            "def your_reward(m): return -1.0 * m.grasped": "expert should collect something",
         },
     },
     "04_metrics_tables": {
         1: {
-            "seeds_needed = lambda m: 4 if m < 8 else 5": "mirror image",
-            "seeds_needed = lambda m: 5": "smallest p of four seeds",
+            "def your_seeds(m): return 2 + (m > 1) + (m > 6)": "In how many ways",
+            "def your_seeds(m): return 4": "number of tests",
+            "def your_seeds(m): return 4 if m < 6 else 5": "two-sided",
+            "def your_seeds(m): return 6 + (m > 1) + (m > 3) + (m > 6)": "Signs of pairs",
         },
         2: {
-            "from rlihf_lib.task.scripted import expert_action as fool": "places the can",
-            "fool = lambda env: np.array([0, 0, 0, 1])": "Go straight on",
+            "from rlihf_lib.task.scripted import expert_action as your_robot": "places the can",
+            "from rlihf_lib.task.scripted import sit_still as your_robot": "Go straight on",
+            "from rlihf_lib.task.scripted import knock_things_off as your_robot": "obstacle",
+            "def your_robot(env): return np.array([0, 0, 1, -1])": "Stay on the path",
         },
     },
     "05_whf_ablation": {
         1: {
-            "weigh = lambda w, right, wrong: (w, 1.0)": "changes with the weight",
-            "weigh = lambda w, right, wrong: (0.0, 1.0)": "by SciPy's t",
+            "def your_ratio(w, *_): return ratio * w, steps[w]": "noise has the weight",
+            "def your_ratio(w, *_): return ratio / 2**0.5, steps[w]": "not of their sum",
+            "def your_ratio(w, *_): return -ratio, -steps[w]": "signs are turned",
+            "def your_ratio(w, *_): return ratio, steps[w] / 2": "costs 2",
+            "def your_ratio(w, *_): return ratio": "not return what it is asked for",
         },
         2: {
-            "fooled = lambda right, wrong, k: np.mean(right[:, None] < wrong)": "right step wins",
-            "fooled = lambda right, wrong, k: np.mean(right[:, None] > wrong)": "mean of k answers",
+            "def your_share(r, w, k): return (w[:, None] > r).mean()": "how often the step",
+            "def your_share(r, w, k): return (w[:, None] < r).mean()": "means of nine",
+            "def your_share(r, w, k): return 0.5": "by SciPy",
         },
     },
 }
@@ -199,3 +209,22 @@ def test_an_exercise_is_a_task_a_place_to_work_a_solution_and_a_check(name):
 def test_an_answer_is_told_in_one_sentence(yours, said, capsys):
     judge(3, yours, [1, 2], {"They are swapped.": [2, 1], "Think.": None}, "Well done.")
     assert capsys.readouterr().out == f"Exercise 3: {said}\n"
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        (None, "nothing to check yet"),
+        ((True, "Seen."), "right. Seen."),
+        ((False, "Look again."), "not yet. Look again."),
+    ],
+)
+def test_an_answer_that_is_tried_out_is_told(found, said, capsys):
+    check(2, lambda: found)
+    assert capsys.readouterr().out == f"Exercise 2: {said}\n"
+
+
+def test_an_answer_that_raises_is_told_too(capsys):
+    check(2, lambda: 1 / 0)
+    said = "not yet. It stops with ZeroDivisionError: division by zero"
+    assert capsys.readouterr().out == f"Exercise 2: {said}\n"

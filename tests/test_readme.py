@@ -14,6 +14,7 @@ README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 DOCUMENTS = (
     *PAGES,
     ".github/CONTRIBUTING.md",
+    "notebooks/README.md",
     "notebooks/choices.md",
     "tests/benchmarks/README.md",
 )
