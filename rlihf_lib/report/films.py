@@ -24,7 +24,7 @@ STEPS, STEP = 80, 0.1  # control steps of a film at most, and seconds of each
 ALONE, ABREAST, TITLE, SCENE, HEIGHT, MARGIN, DPI = 640, 420, 28, 304, 480, 76, 100
 #: Of ffmpeg, by suffix. The last picture stays for a second; dithered ones would flicker.
 ENCODERS = {
-    ".gif": "-lavfi split[a][b];[a]palettegen=max_colors=128[p];[b][p]paletteuse=dither=none -final_delay 100",
+    ".gif": "-lavfi split[a][b];[a]palettegen=128[p];[b][p]paletteuse=dither=none -final_delay 100",
     ".mp4": "-vf tpad=stop_mode=clone:stop_duration=1 -c:v libx264 -pix_fmt yuv420p -crf 20",
 }
 BITEXACT = "-map_metadata -1 -fflags +bitexact -flags:v +bitexact -threads 1"  # no dates, versions
@@ -78,7 +78,7 @@ def save_film(takes: dict, person: str, study, name: str, notebook: str, sources
     for suffix in ENCODERS:
         # Several scenes at half the rate, or the notebook that shows the GIF gets too large.
         every = 2 if suffix == ".gif" and len(takes) > 1 else 1
-        _encode(gif.with_suffix(suffix), pictures[::every], every * STEP)
+        _encode(gif.with_suffix(suffix), pictures[::-every][::-1], every * STEP)
     enter(study, name, notebook, hashes)
     return gif
 
