@@ -20,7 +20,7 @@ TAG = re.compile(r"exercise-(\d+)$")
 FENCED = re.compile(r"<details>.*?```python\n(.*?)\n```.*?</details>", re.S)
 SHIPPED = "results/quick-simulated"
 #: What is small enough to be computed here. Exercises of the other notebooks need nothing but the
-#: cell of imports, as the teacher's page says, and what is shipped for `quick`.
+#: cell of imports and what follows "Your turn", as the teacher's page says, and what is shipped.
 SMALL = {"01_dataset_preprocessing": "simulated", "02_loso_decoder": "a folder of epochs"}
 #: Wrong answers to the exercises of a notebook, and a word of the hint.
 WRONG = {
@@ -126,7 +126,8 @@ class Reader:
         if name not in SMALL:
             code = [i for i, cell in enumerate(self.nb.cells) if cell.cell_type == "code"]
             imports = code[2]  # behind the parameters and those given here
-            self.nb.cells[imports + 1 : tagged(self.nb, "exercise-1")] = []
+            turn = next(i for i, cell in enumerate(self.nb.cells) if "Your turn" in cell.source)
+            self.nb.cells[imports + 1 : turn] = []
         self.client = NotebookClient(self.nb, kernel_name="python3")
 
     def run(self, source):
