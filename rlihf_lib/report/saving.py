@@ -25,12 +25,12 @@ def caption(study, says: str = "") -> str:
     return " · ".join(filter(None, [study.eeg_label, f"profile {study.profile.name}", says]))
 
 
-def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: str = "") -> Path:
+def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: str = "") -> None:
     """Write the caption under a figure, save it as PDF and PNG, enter it in `manifest.json`.
 
     In `figures/<study>/`; `notebook`, such as "02_loso_decoder", draws it from `sources`: files, or
     ids of runs (their `eval.csv`). `says`, such as "3 people x 2 seeds", is for the `caption`.
-    Returns the PNG. A source that does not exist raises FileNotFoundError: a figure from nowhere is
+    A source that does not exist raises FileNotFoundError: a figure from nowhere is
     not saved. Nor is what print can't show, a ValueError: a figure wider than two columns, or text
     below 7 pt.
     """
@@ -49,7 +49,6 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
             fig.savefig(temporary, metadata={field: None})
     fig.set_layout_engine(engine or "none")
     enter(study, name, notebook, hashes)
-    return study.figures / f"{name}.png"
 
 
 def _require_printable(fig, name):
