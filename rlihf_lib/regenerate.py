@@ -164,7 +164,13 @@ def _write_plain(copy):
         if "injected-parameters" in cell.metadata.get("tags", []):
             cell.id = f"parameters-{number}"
         if cell.cell_type == "code":
-            cell.outputs = [o for o in cell.outputs if WIDGET not in o.get("data", {})]
+            shown, cell.outputs = cell.outputs, []
+            for output in shown:
+                last = cell.outputs[-1] if cell.outputs else {}
+                if output.output_type == "stream" and output.name == last.get("name"):
+                    last.text += output.text  # printed lines come in pieces, by chance
+                elif WIDGET not in output.get("data", {}):
+                    cell.outputs.append(output)
     write_text(copy, nbformat.writes(nb) + "\n")
 
 
