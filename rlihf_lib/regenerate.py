@@ -7,6 +7,7 @@ import threading
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rlihf_lib import progress
 from rlihf_lib.files import write_text
@@ -164,13 +165,17 @@ def _write_plain(copy):
         if "injected-parameters" in cell.metadata.get("tags", []):
             cell.id = f"parameters-{number}"
         if cell.cell_type == "code":
-            shown, cell.outputs = cell.outputs, []
-            for output in shown:
-                last = cell.outputs[-1] if cell.outputs else {}
-                if output.output_type == "stream" and output.name == last.get("name"):
-                    last.text += output.text  # printed lines come in pieces, by chance
+            shown: list[Any] = []
+            for output in cell.outputs:
+                if (
+                    output.output_type == "stream"
+                    and shown
+                    and output.name == shown[-1].get("name")
+                ):
+                    shown[-1].text += output.text  # printed lines come in pieces, by chance
                 elif WIDGET not in output.get("data", {}):
-                    cell.outputs.append(output)
+                    shown.append(output)
+            cell.outputs = shown
     write_text(copy, nbformat.writes(nb) + "\n")
 
 
