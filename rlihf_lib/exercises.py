@@ -24,17 +24,19 @@ def judge(number: int, yours: Any, right: Any, hints: dict[str, Any], praise: st
     praise : str
         What a right answer gets to read.
     """
-    right = np.asarray(right, float)
-    if all(value is None for value in np.ravel(np.array(yours, object))):
-        said = "nothing to check yet"
-    elif not _is_like(right, yours):
-        said = "not yet. The function does not return what it is asked for."
-    elif _is(right, yours):
-        said = f"right. {praise}"
-    else:
+
+    def verdict():
+        answer = np.asarray(right, float)
+        if all(value is None for value in np.ravel(np.array(yours, object))):
+            return None
+        if not _is_like(answer, yours):
+            return False, "The function does not return what it is asked for."
+        if _is(answer, yours):
+            return True, praise
         fitting = (hint for hint, wrong in hints.items() if wrong is None or _is(wrong, yours))
-        said = " ".join(["not yet.", *list(fitting)[:1]])
-    print(f"Exercise {number}: {said}")
+        return False, next(fitting, "")
+
+    check(number, verdict)
 
 
 def check(number: int, verdict: Callable[[], tuple[bool, str] | None]) -> None:
@@ -51,7 +53,7 @@ def check(number: int, verdict: Callable[[], tuple[bool, str] | None]) -> None:
         said = "nothing to check yet"
     else:
         right, words = found
-        said = f"{'right' if right else 'not yet'}. {words}"
+        said = f"{'right' if right else 'not yet'}. {words}".rstrip()
     print(f"Exercise {number}: {said}")
 
 
