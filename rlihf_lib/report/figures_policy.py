@@ -219,13 +219,18 @@ def safety_figure(runs: pd.DataFrame) -> Figure:
             shade = style.color(group)
             scores = late[late["group"] == group].set_index("subject")[metric].dropna()
             ax.plot(x + rng.uniform(-0.12, 0.12, len(scores)), scores, color=shade, **RUNS)
-            means = unit_means(scores)
-            ax.vlines(x + 0.25, *st.mean_interval(means, RANGES[metric]), color=shade)
-            ax.plot(x + 0.25, means.mean(), "D", color=shade, ms=4)
+            mean_and_interval(scores, ax, x + 0.25, metric, shade)
         ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
         ax.set_xticks(range(3), [style.label(g).removeprefix("RL ") for g in paper.CONDITIONS])
         ax.set_ylim(0, 1.1 * late[metric].max() or 1)
     return fig
+
+
+def mean_and_interval(scores: pd.Series, ax: Axes, x: float, metric: str, shade: str) -> None:
+    """Draw the mean of runs' scores, indexed by subject, as a diamond with its interval, at `x`."""
+    means = unit_means(scores)
+    ax.vlines(x, *st.mean_interval(means, RANGES[metric]), color=shade)
+    ax.plot(x, means.mean(), "D", color=shade, ms=4)
 
 
 def trade_off_figure(runs: pd.DataFrame) -> Figure:

@@ -10,8 +10,7 @@ from scipy import stats
 from rlihf_lib.eeg.erp import difference_wave
 from rlihf_lib.eeg.scores import reliability
 from rlihf_lib.report import figures_policy, figures_task, paper, style
-from rlihf_lib.report.evaluations import RANGES, unit_means
-from rlihf_lib.report.statistics import mean_interval
+from rlihf_lib.report.evaluations import late_scores
 
 MS, UV = 1e3, 1e6  # from s and V
 SHOWN = (-0.2, 0.8)  # s around the feedback
@@ -130,7 +129,7 @@ def weight_view(env, recordings: dict, runs: pd.DataFrame, weight: float) -> Fig
         1, 2, figsize=(style.PAGE_WIDTH, 3.2), width_ratios=(1.6, 1)
     )
     figures_task.top_view(env, top)
-    late = runs[runs["phase"] == "Late"].assign(cm=lambda rows: 100 * rows["min_clearance"])
+    late = late_scores(runs)
     shades = style.shades(late.loc[late["group"] == "rlihf", "w_hf"])
     shown = {
         "dense": ("dense", late["group"] == "dense"),
@@ -142,12 +141,10 @@ def weight_view(env, recordings: dict, runs: pd.DataFrame, weight: float) -> Fig
         for recording in recordings[key]:
             top.plot(*recording.hand[:, figures_task.FROM_ABOVE].T, lw=1.2, **look)
         top.plot([], [], label=words, **look)
-        scores = late[rows].groupby(["subject", "run"])["cm"].mean().droplevel("run")
-        clearance.plot([x] * len(scores), scores, "o", color=look["color"], ms=4, alpha=0.5)
-        means = unit_means(scores.to_frame())
-        clearance.plot(x + 0.15, means.mean(), "D", color=look["color"])
-        low, high = np.ravel(mean_interval(means, RANGES["min_clearance"]))
-        clearance.vlines(x + 0.15, low, high, color=look["color"])
+        scores = 100 * late[rows].set_index("subject")["min_clearance"]
+        shade = look["color"]
+        clearance.plot([x] * len(scores), scores, color=shade, **figures_policy.RUNS)
+        figures_policy.mean_and_interval(scores, clearance, x + 0.15, "min_clearance", shade)
     top.legend(loc="upper left", bbox_to_anchor=(0, -0.18), ncols=2)
     clearance.set_xticks((0, 1), ("RL dense", f"RLIHF, {weight:g}"))
     clearance.set(ylabel="Minimum clearance, late (cm)", xlim=(-0.5, 1.6))
