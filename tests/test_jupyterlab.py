@@ -91,12 +91,24 @@ def opened(lab, browser):
             except Exception:  # the server isn't up yet
                 time.sleep(0.5)
         page.wait_for_selector(".jp-Notebook .jp-CodeCell")
-        page.wait_for_selector("[data-status=idle]", state="attached")
+        _wait_for_kernel(page, address.removesuffix("/lab"), f"{name}.ipynb")
         return page
 
     yield open_notebook
     for page in pages:
         page.close()
+
+
+def _wait_for_kernel(page, server, path):
+    """Until the page speaks with its kernel: before, Run All asks which kernel to start."""
+    deadline = time.time() + 60
+    while time.time() < deadline:
+        sessions = page.request.get(f"{server}/api/sessions").json()
+        kernels = [session["kernel"] for session in sessions if session["path"] == path]
+        if any(k["connections"] and k["execution_state"] == "idle" for k in kernels):
+            return
+        time.sleep(0.2)
+    raise AssertionError(f"no kernel for {path}: {sessions}")
 
 
 def menu(page, top, entry):
