@@ -78,16 +78,22 @@ def recording(subject: str) -> Path:
     url = (os.environ.get("RLIHF_HRI_URL") or URL).rstrip("/")
     # The .set last: where it is, the .fdt is complete.
     for suffix in (".fdt", ".set"):
-        place = next(path for path in blobs if path.endswith(f"/{subject}_cursor{suffix}"))
-        target = cache_dir() / "errp-hri" / place
+        target = place(subject, suffix)
+        source = target.relative_to(cache_dir() / "errp-hri").as_posix()
         if not target.is_file():
-            _download(f"{url}/{place}", target, blobs[place])
-        elif git_blob_id(target) != blobs[place]:
+            _download(f"{url}/{source}", target, blobs[source])
+        elif git_blob_id(target) != blobs[source]:
             raise ValueError(
-                f"{target} is not the published file (git blob {blobs[place]}); delete it, it will "
-                "be downloaded anew"
+                f"{target} is not the published file (git blob {blobs[source]}); delete it, it "
+                "will be downloaded anew"
             )
     return target
+
+
+def place(subject: str, suffix: str = ".set") -> Path:
+    """Where a subject's file lies, or will lie."""
+    path = next(path for path in blob_ids() if path.endswith(f"/{subject}_cursor{suffix}"))
+    return cache_dir() / "errp-hri" / path
 
 
 def _download(url, target, blob):

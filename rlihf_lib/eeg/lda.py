@@ -24,13 +24,23 @@ def scaling(signals) -> np.ndarray:
     return np.diag(1 / signals.std(axis=(0, 2)))
 
 
+def covariances(signals) -> np.ndarray:
+    """Spatial covariance of each epoch, shape (n, n_channels, n_channels)."""
+    centred = signals - signals.mean(axis=2, keepdims=True)
+    return centred @ centred.transpose(0, 2, 1) / (signals.shape[2] - 1)
+
+
 def whitening(signals) -> np.ndarray:
     """Symmetric inverse square root of the mean spatial covariance of epochs, without labels.
 
     He & Wu (2020), Transfer learning for brain-computer interfaces: a Euclidean space data
     alignment approach, IEEE Trans. Biomed. Eng. 67, 399-410.
     """
-    covariance = np.mean([np.cov(epoch) for epoch in signals], axis=0)
+    return inverse_root(covariances(signals).mean(axis=0))
+
+
+def inverse_root(covariance) -> np.ndarray:
+    """Symmetric inverse square root of a covariance matrix."""
     power, axes = eigh(covariance)
     # An average reference leaves one direction without power, which must not be blown up.
     return (axes / np.sqrt(power + 1e-3 * power.mean())) @ axes.T
@@ -59,7 +69,7 @@ def features(
 ) -> tuple[np.ndarray, np.ndarray]:
     """50-ms means that `across_subjects` decodes, (n, n_channels * n_means), and labels, (n,)."""
     signals, labels, width = _window(subject, epochs, settings)
-    return _means(spatial(signals) @ signals, width), labels
+    return _flat(spatial(signals) @ _means(signals, width)), labels
 
 
 def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
@@ -70,11 +80,12 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
     rows = []
     for subject in cohort:
         signals, labels, width = _window(subject, cohort[subject], settings)
+        means, each = _means(signals, width), covariances(signals)
         fold = np.arange(len(labels)) * N_FOLDS // len(labels)
         decision = np.empty(len(labels))
         for k in range(N_FOLDS):
             train = fold != k
-            x = _means(whitening(signals[train]) @ signals, width)
+            x = _flat(inverse_root(each[train].mean(axis=0)) @ means)
             decision[~train] = _decide(x[train], labels[train], x[~train])
         rows.append(_score(subject, decision, labels))
     return pd.DataFrame(rows)
@@ -90,7 +101,11 @@ def _window(subject, epochs, settings):
 
 def _means(signals, width):
     whole = signals[..., : signals.shape[-1] // width * width]
-    return whole.reshape(*signals.shape[:2], -1, width).mean(axis=-1).reshape(len(signals), -1)
+    return whole.reshape(*signals.shape[:2], -1, width).mean(axis=-1)
+
+
+def _flat(means):
+    return means.reshape(len(means), -1)
 
 
 def _decide(means, labels, test):

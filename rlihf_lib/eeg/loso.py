@@ -2,11 +2,8 @@
 
 import json
 import os
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from functools import partial
-from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +19,7 @@ from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs, same_power
 from rlihf_lib.eeg.splits import leave_one_subject_out
 from rlihf_lib.eeg.streaming import replay
 from rlihf_lib.files import canonical_json, sha256, write_csv, write_text
+from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
 
 TABLES = ("p_error", "training", "scores")  # the last is what `run_loso` returns
@@ -77,8 +75,10 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
     missing = [f for f in folds if recompute or not _is_done(folder, f.test, keys[f.test])]
     run = partial(_run_fold, cohort, input_format, settings, folder)
     jobs = [(fold.training_pool(data), keys[fold.test]) for fold in missing]
+    n_processes = min(workers or os.cpu_count(), -(-len(jobs) // _FOLDS_PER_WORKER))
+    one_thread = partial(torch.set_num_threads, 1)
     with Progress(len(folds), len(folds) - len(missing), "folds") as progress:
-        for subject in _run(run, jobs, workers or os.cpu_count()):
+        for subject in in_processes(run, jobs, n_processes, one_thread):
             progress.finished(subject)
     config = {
         "settings": asdict(settings),
@@ -117,26 +117,6 @@ def _conditioned(cohort, settings):
         identities[subject] = epochs.fingerprint(), epochs.power()
     refuse_leaks(aurocs, input_format.channels, "the epochs")
     return data, identities, input_format
-
-
-def _run(run, jobs, workers) -> Iterator[str]:
-    """Run folds here or in worker processes; give their subjects as they finish."""
-    workers = min(workers, -(-len(jobs) // _FOLDS_PER_WORKER))
-    if workers <= 1:
-        yield from (run(*job) for job in jobs)
-        return
-    # Spawned, because a forked process inherits the locks of PyTorch's and MNE's threads.
-    context, one_thread = get_context("spawn"), partial(torch.set_num_threads, 1)
-    others = set(active_children())
-    with ProcessPoolExecutor(workers, context, one_thread) as executor:
-        futures = [executor.submit(run, *job) for job in jobs]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        except BaseException:  # stopped, too: folds that have begun would take their time
-            for worker in set(active_children()) - others:
-                worker.terminate()
-            raise
 
 
 def _run_fold(cohort, input_format, settings, folder, pool, key):

@@ -1,7 +1,9 @@
 """Recordings to epochs: band-pass, average reference, 2-s windows at feedback onset, labels."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import mne
@@ -12,6 +14,8 @@ from rlihf_lib.eeg import hri, recordings
 from rlihf_lib.eeg.formats import labelled_epochs, read_folder_epochs
 from rlihf_lib.eeg.hri import CORRECT, FEEDBACKS, HUMAN_ERROR, MACHINE_ERROR
 from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
+from rlihf_lib.parallel import in_processes
+from rlihf_lib.progress import Progress
 
 _VERSION = 1  # raise when the steps change in anything but their settings
 COLUMNS = ["subject", "session", "epoch", "sample", "block", "label", "status"]
@@ -62,6 +66,33 @@ class Cohort(Mapping):
         return len(self.subjects)
 
 
+def prepare(cohorts: Sequence[Cohort], workers: int = 0) -> None:
+    """Cut and cache the epochs of cohorts of the same recorded people, as `load_epochs` would.
+
+    People side by side on `workers` processes, 0 = one per core.
+    """
+    missing = [
+        subject
+        for subject in cohorts[0]
+        if not all(
+            recordings.is_there(cohort.eeg, subject)
+            and _cache(cohort.eeg, subject, cohort.settings).is_file()
+            for cohort in cohorts
+        )
+    ]
+    jobs = [(cohorts, subject) for subject in missing]
+    n_processes = min(workers or os.cpu_count() or 1, len(jobs))
+    with Progress(len(cohorts[0]), len(cohorts[0]) - len(jobs), "recordings") as progress:
+        for subject in in_processes(_load_all, jobs, n_processes):
+            progress.finished(subject)
+
+
+def _load_all(cohorts, subject):
+    for cohort in cohorts:
+        cohort[subject]
+    return subject
+
+
 def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
     """Preprocessed epochs of one subject (`recordings.source_subjects`) of a source of EEG.
 
@@ -101,9 +132,8 @@ def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawA
     """
     if recordings.is_folder(eeg):
         raise ValueError(f"{eeg} holds epochs, not continuous data; choose 'simulated' or 'hri'")
-    raw = recordings.read_recording(eeg, subject)
+    raw = _filtered(eeg, subject, settings.l_freq, settings.h_freq, _content(eeg, subject)).copy()
     events = _feedback_events(raw).assign(subject=subject, session=eeg)
-    raw.filter(settings.l_freq, settings.h_freq, picks=["eeg", "eog"], verbose="error")
     _resample_and_reference(raw, settings)
     # Single precision, far below the noise, so that what a file holds equals what memory holds.
     raw.apply_function(lambda values: values.astype(np.float32), picks="all", verbose="error")
@@ -117,6 +147,17 @@ def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawA
         elif np.ptp(window, axis=1).max() > settings.reject:
             events.at[row, "status"] = "artefact"
     return raw, events[COLUMNS]
+
+
+@lru_cache(maxsize=1)  # the same recording is cut in several ways, one after the other
+def _filtered(eeg, subject, l_freq, h_freq, content):
+    raw = recordings.read_recording(eeg, subject)
+    return raw.filter(l_freq, h_freq, picks=["eeg", "eog"], verbose="error")
+
+
+def _content(eeg, subject):
+    path = recordings.recording_path(eeg, subject)
+    return tuple(sha256(file) for file in (path, path.with_suffix(".fdt")) if file.is_file())
 
 
 def cut(raw, events, settings) -> mne.EpochsArray:
@@ -154,14 +195,17 @@ def _resample_and_reference(instance, settings):
         instance.set_eeg_reference("average", verbose="error")
 
 
-def _cached(eeg, subject, settings):
-    path = recordings.recording_path(eeg, subject)
-    content = [sha256(file) for file in (path, path.with_suffix(".fdt")) if file.is_file()]
+def _cache(eeg, subject, settings):
+    """The file of a subject's cached epochs."""
     used = asdict(settings)
     del used["drop_channels"]  # says nothing of recordings, whose cached epochs stay good
-    key = sha256(canonical_json([_VERSION, eeg, subject, content, used]))[:16]
-    file = hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
-    table = file.with_name(f"{subject}-{key}.csv")
+    key = sha256(canonical_json([_VERSION, eeg, subject, _content(eeg, subject), used]))[:16]
+    return hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
+
+
+def _cached(eeg, subject, settings):
+    file = _cache(eeg, subject, settings)
+    table = file.with_name(file.name.replace("-epo.fif", ".csv"))
     if not (file.is_file() and table.is_file()):
         raw, events = load_continuous(eeg, subject, settings)
         with atomic_path(file) as temporary:

@@ -24,7 +24,16 @@ def recording_path(eeg, subject) -> Path:
     A ValueError says if the subject is unknown; `hri.recording` has its errors, too.
     """
     formats.check_subject(subject, hri.SUBJECTS, f"the {eeg} recordings")
-    return (simulated if eeg == "simulated" else hri).recording(subject)
+    return _source(eeg).recording(subject)
+
+
+def is_there(eeg, subject) -> bool:
+    """Whether the recording of a known subject is made or downloaded already."""
+    return _source(eeg).place(subject).is_file()
+
+
+def _source(eeg):
+    return simulated if eeg == "simulated" else hri
 
 
 def read_recording(eeg, subject) -> mne.io.RawArray:

@@ -145,11 +145,16 @@ def parameter_table(model=MODEL) -> pd.DataFrame:
 
 def recording(subject, model=MODEL) -> Path:
     """A subject's `.set`, with its `.fdt` in a folder for the model, made if missing."""
-    key = sha256(canonical_json([_VERSION, asdict(model)]))[:12]
-    path = hri.cache_dir() / f"simulated-{key}" / f"{subject}_cursor.set"
+    path = place(subject, model)
     if not path.is_file() or not path.with_suffix(".fdt").is_file():
         write_set(path, *simulate(subject, model))
     return path
+
+
+def place(subject, model=MODEL) -> Path:
+    """Where a subject's `.set` lies, or will lie."""
+    key = sha256(canonical_json([_VERSION, asdict(model)]))[:12]
+    return hri.cache_dir() / f"simulated-{key}" / f"{subject}_cursor.set"
 
 
 def simulate(subject, model=MODEL) -> tuple[np.ndarray, list[tuple[float, str]]]:

@@ -1,15 +1,10 @@
 import json
 import os
 import shutil
-import signal
-import threading
-import time
-from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import psutil
 import pytest
 from scipy.special import expit, logit
 
@@ -160,15 +155,6 @@ def trained(tmp_path, monkeypatch):
         return len(folds)
 
     return count
-
-
-def test_folds_that_have_begun_end_when_somebody_stops_them():
-    threading.Timer(4, os.kill, [os.getpid(), signal.SIGINT]).start()
-    with pytest.raises(KeyboardInterrupt):
-        for _ in loso._run(time.sleep, [(1_000,)] * 8, workers=2):
-            raise AssertionError("none finishes")
-    _, alive = psutil.wait_procs([psutil.Process(p.pid) for p in active_children()], timeout=5)
-    assert not alive
 
 
 def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(

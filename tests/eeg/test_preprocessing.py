@@ -9,10 +9,12 @@ import pytest
 
 from rlihf_lib.eeg import hri, loso, preprocessing, recordings, simulated
 from rlihf_lib.eeg.preprocessing import (
+    Cohort,
     Preprocessing,
     load_continuous,
     load_epochs,
     load_events,
+    prepare,
 )
 
 NER = Path(os.environ.get("RLIHF_NER2015", "/work/shared/eeg/ner2015"))
@@ -84,6 +86,18 @@ def test_a_second_call_gives_the_cached_epochs(cache, monkeypatch):
     assert first.metadata.equals(second.metadata)
     with pytest.raises(TypeError):  # other settings are another entry of the cache
         load_epochs("simulated", "s03", Preprocessing(h_freq=15.0))
+
+
+def test_cohorts_of_the_same_people_are_prepared_by_one_reading(cache, monkeypatch):
+    settings = [Preprocessing(l_freq=0.5), Preprocessing(l_freq=0.5, before=0.1)]
+    cohorts, read = [Cohort("simulated", ["s03"], s) for s in settings], []
+    original = recordings.read_recording
+    monkeypatch.setattr(recordings, "read_recording", lambda *a: read.append(a) or original(*a))
+    prepare(cohorts, workers=1)
+    assert len(read) == 1
+    monkeypatch.setattr(preprocessing, "load_continuous", None)  # from the cache, from now on
+    prepare(cohorts, workers=1)
+    assert cohorts[1]["s03"].tmin < cohorts[0]["s03"].tmin == 0
 
 
 def test_every_feedback_is_accounted_for(cache):

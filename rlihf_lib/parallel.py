@@ -1,0 +1,28 @@
+"""Work spread over processes of this machine, which end at once when it is stopped."""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import active_children, get_context
+
+
+def in_processes(
+    run: Callable, jobs: Iterable[tuple], workers: int, initializer: Callable | None = None
+) -> Iterator:
+    """Give what `run(*job)` returns, in the order in which jobs finish.
+
+    In `workers` processes, each begun by `initializer`; of one worker or none: here.
+    """
+    if workers <= 1:
+        yield from (run(*job) for job in jobs)
+        return
+    # Spawned, because a forked process inherits the locks of PyTorch's and MNE's threads.
+    others = set(active_children())
+    with ProcessPoolExecutor(workers, get_context("spawn"), initializer) as executor:
+        futures = [executor.submit(run, *job) for job in jobs]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BaseException:  # stopped, too: jobs that have begun would take their time
+            for worker in set(active_children()) - others:
+                worker.terminate()
+            raise
