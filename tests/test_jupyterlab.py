@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import nbformat
@@ -35,6 +36,7 @@ run_sweep(configs, "runs", workers=2)
 def lab(tmp_path_factory):
     """JupyterLab on a folder with notebook 05, the runs that it shows, and an endless one."""
     root = tmp_path_factory.mktemp("lab")
+    shutil.copy(NOTEBOOKS.parent / "README.md", root)
     study, copy = Study("quick"), Study("quick", out=root / "out")
     shutil.copytree(study.decoder, copy.decoder)
     shutil.copytree(study.runs, copy.runs)
@@ -57,7 +59,14 @@ def lab(tmp_path_factory):
     (settings / "tracker.jupyterlab-settings").write_text('{"windowingMode": "none"}')
     with (root / "log").open("w") as log:
         server = subprocess.Popen(command, cwd=root, env=environment, stdout=log, stderr=log)
-    yield root, f"http://127.0.0.1:{port}/lab"
+    address = f"http://127.0.0.1:{port}"
+    for _ in range(120):  # until the server is up
+        try:
+            urllib.request.urlopen(f"{address}/api").close()
+            break
+        except OSError:
+            time.sleep(0.5)
+    yield root, address
     for process in [*psutil.Process(server.pid).children(recursive=True), server]:
         process.terminate()
     server.wait(20)
@@ -84,14 +93,9 @@ def opened(lab, browser):
         page = browser.new_page(viewport={"width": 1280, "height": 900})
         page.set_default_timeout(60_000)
         pages.append(page)
-        for _ in range(60):
-            try:
-                page.goto(f"{address}/workspaces/{name}/tree/{name}.ipynb")
-                break
-            except Exception:  # the server isn't up yet
-                time.sleep(0.5)
+        page.goto(f"{address}/lab/workspaces/{name}/tree/{name}.ipynb")
         page.wait_for_selector(".jp-Notebook .jp-CodeCell")
-        _wait_for_kernel(page, address.removesuffix("/lab"), f"{name}.ipynb")
+        _wait_for_kernel(page, address, f"{name}.ipynb")
         return page
 
     yield open_notebook
@@ -133,6 +137,15 @@ def saved(page, path):
             return code
         time.sleep(0.5)
     raise AssertionError(f"{path} has not been executed to its end")
+
+
+def test_jupyterlab_opens_with_the_readme_as_a_page(lab, browser):
+    _, address = lab
+    page = browser.new_page()
+    page.goto(address)
+    page.locator(".jp-MarkdownViewer h1", has_text="rlihf").wait_for(timeout=60_000)
+    assert "Two commands" in page.locator(".jp-MarkdownViewer").inner_text()
+    page.close()
 
 
 def test_run_all_and_a_moved_slider(opened, lab):

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.linalg import eigh
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from threadpoolctl import threadpool_limits
 
 from rlihf_lib.eeg.fitting import DEFAULTS
 from rlihf_lib.eeg.scores import auroc, balanced_accuracy
@@ -108,6 +109,7 @@ def _flat(means):
     return means.reshape(len(means), -1)
 
 
+@threadpool_limits.wrap(limits=1)  # of matrices this small, two threads make a detour
 def _decide(means, labels, test):
     lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
     return lda.fit(means, labels).decision_function(test)

@@ -83,13 +83,13 @@ def prepare(cohorts: Sequence[Cohort], workers: int = 0) -> None:
     jobs = [(cohorts, subject) for subject in missing]
     n_processes = min(workers or os.cpu_count() or 1, len(jobs))
     with Progress(len(cohorts[0]), len(cohorts[0]) - len(jobs), "recordings") as progress:
-        for subject in in_processes(_load_all, jobs, n_processes):
+        for subject in in_processes(_cut_for, jobs, n_processes):
             progress.finished(subject)
 
 
-def _load_all(cohorts, subject):
+def _cut_for(cohorts, subject):
     for cohort in cohorts:
-        cohort[subject]
+        _cut_files(cohort.eeg, subject, cohort.settings)
     return subject
 
 
@@ -157,7 +157,13 @@ def _filtered(eeg, subject, l_freq, h_freq, content):
 
 def _content(eeg, subject):
     path = recordings.recording_path(eeg, subject)
-    return tuple(sha256(file) for file in (path, path.with_suffix(".fdt")) if file.is_file())
+    files = [file for file in (path, path.with_suffix(".fdt")) if file.is_file()]
+    return tuple(_hash(file, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+
+
+@lru_cache  # of a file that stays as it is
+def _hash(file, changed, size):
+    return sha256(file)
 
 
 def cut(raw, events, settings) -> mne.EpochsArray:
@@ -203,7 +209,8 @@ def _cache(eeg, subject, settings):
     return hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
 
 
-def _cached(eeg, subject, settings):
+def _cut_files(eeg, subject, settings):
+    """Cached epochs and table of events of a subject, written if missing."""
     file = _cache(eeg, subject, settings)
     table = file.with_name(file.name.replace("-epo.fif", ".csv"))
     if not (file.is_file() and table.is_file()):
@@ -211,6 +218,11 @@ def _cached(eeg, subject, settings):
         with atomic_path(file) as temporary:
             cut(raw, events, settings).save(temporary, overwrite=True, verbose="error")
         write_csv(table, events)
+    return file, table
+
+
+def _cached(eeg, subject, settings):
+    file, table = _cut_files(eeg, subject, settings)
     events = pd.read_csv(table, dtype={"subject": str, "session": str})
     return mne.read_epochs(file, verbose="error"), events
 
