@@ -39,6 +39,11 @@ class Profile:
     """Steps after which an episode is truncated (paper: 1000)."""
     eval_rollouts: int = 5
     """Rollouts per evaluation point (paper: 5)."""
+    batch_size: int = 256
+    """Transitions per update of the learner; half as many take two thirds of the time."""
+    rank: float = 0.5
+    """Whose feedback trains policies where one person's does: 0 the weakest decoder's, 1 the
+    strongest's."""
     ablation_seeds: tuple[int, ...] = (0,)
     """Of the seeds, those of the ablation."""
     supplementary_seeds: tuple[int, ...] = (0,)
@@ -80,20 +85,24 @@ PROFILES = {
             horizon=150,
             eval_rollouts=2,
         ),
-        # A lesson's: from nothing in ten minutes on two cores, and something is learnt.
+        # A lesson's: from nothing in ten minutes on two cores, and something is learnt. By the
+        # strongest decoder's feedback, for others need more steps.
         Profile(
             name="class",
-            n_subjects=6,
-            n_policy_subjects=2,
-            n_ablation_subjects=2,
+            n_subjects=5,
+            n_policy_subjects=1,
+            n_ablation_subjects=1,
+            rank=1.0,
             seeds=(0,),
             supplementary_seeds=(),
             control_seeds=(),
             weights=(0.1, 0.7),
-            total_steps=20_000,
+            total_steps=30_000,
             eval_every=2_500,
-            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=3, n_permutations=100),
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=2, n_permutations=100),
             horizon=100,
+            eval_rollouts=10,
+            batch_size=128,
         ),
         Profile(
             name="quick",

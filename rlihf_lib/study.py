@@ -129,16 +129,17 @@ class Study:
 
         Of the decoded subjects, sorted by the AUROC of their held-out epochs, `n_policy_subjects`
         (for the ablation `n_ablation_subjects`) at equal distances of rank: with three, the
-        weakest, the median and the strongest decoder; with one, the median. In the order of the
-        table of scores.
+        weakest, the median and the strongest decoder; with one, the profile's `rank`. In the order
+        of the table of scores.
         """
         if self.subject:
             return [self.subject]
         ranked, profile = self.ranked_subjects(), self.profile
         wanted = profile.n_ablation_subjects if ablation else profile.n_policy_subjects
         count = min(wanted or len(ranked), len(ranked))
-        ranks = np.linspace(0, len(ranked) - 1, count)
-        chosen = {ranked[int(r)] for r in ranks} if count > 1 else {self.median_subject()}
+        last = len(ranked) - 1
+        ranks = np.linspace(0, last, count) if count > 1 else [profile.rank * last]
+        chosen = {ranked[int(rank)] for rank in ranks}
         return [subject for subject in self.scores()["subject"] if subject in chosen]
 
     def feedback(self) -> pd.DataFrame:
@@ -193,6 +194,7 @@ class Study:
             name: getattr(self.profile, name)
             for name in ("total_steps", "eval_every", "horizon", "eval_rollouts")
         }
+        sizes["sac"] = SACSettings(batch_size=self.profile.batch_size)
         return RunConfig(condition=condition, seed=seed, **sizes | self.changes | changes)
 
     def status(self, workers=0) -> pd.DataFrame:
