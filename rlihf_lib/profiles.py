@@ -39,8 +39,6 @@ class Profile:
     """Steps after which an episode is truncated (paper: 1000)."""
     eval_rollouts: int = 5
     """Rollouts per evaluation point (paper: 5)."""
-    batch_size: int = 256
-    """Transitions per update of the learner; half as many take two thirds of the time."""
     rank: float = 0.5
     """Whose feedback trains policies where one person's does: 0 the weakest decoder's, 1 the
     strongest's."""
@@ -89,7 +87,7 @@ PROFILES = {
         # strongest decoder's feedback, for others need more steps.
         Profile(
             name="class",
-            n_subjects=5,
+            n_subjects=6,
             n_policy_subjects=1,
             n_ablation_subjects=1,
             rank=1.0,
@@ -97,12 +95,11 @@ PROFILES = {
             supplementary_seeds=(),
             control_seeds=(),
             weights=(0.1, 0.7),
-            total_steps=30_000,
+            total_steps=27_500,
             eval_every=2_500,
-            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=2, n_permutations=100),
+            decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=3, n_permutations=100),
             horizon=100,
             eval_rollouts=10,
-            batch_size=128,
         ),
         Profile(
             name="quick",

@@ -194,7 +194,6 @@ class Study:
             name: getattr(self.profile, name)
             for name in ("total_steps", "eval_every", "horizon", "eval_rollouts")
         }
-        sizes["sac"] = SACSettings(batch_size=self.profile.batch_size)
         return RunConfig(condition=condition, seed=seed, **sizes | self.changes | changes)
 
     def status(self, workers=0) -> pd.DataFrame:

@@ -80,7 +80,7 @@ def vary(
     varied.subject = subject
     varied.changes = {name: told[name] for name in ("observer", "reward") if name in told}
     if sac:
-        varied.changes["sac"] = SACSettings(**{"batch_size": study.profile.batch_size} | sac)
+        varied.changes["sac"] = SACSettings(**sac)
     sizes: dict[str, Any] = {
         name: told[name] for name in ("w_hf", "total_steps", "seeds", "weights") if name in told
     }
