@@ -99,7 +99,6 @@ PROFILES = {
             eval_every=2_500,
             decoder=DecoderSizes(max_epochs=30, patience=8, ensemble=3, n_permutations=100),
             horizon=100,
-            eval_rollouts=10,
         ),
         Profile(
             name="quick",
