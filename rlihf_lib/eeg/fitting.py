@@ -21,7 +21,7 @@ from rlihf_lib.files import sha256
 class DecoderSettings:
     """Everything that decides what a decoder learns, except the data."""
 
-    max_epochs: int = 30  # passes over the training subjects at most
+    max_epochs: int = 30  # passes over the training subjects at most; see `LEAST_UPDATES`
     patience: int = 8  # passes without a better validation loss after which a network stops
     #: Networks per fold, each with its own seed and validation subjects; log-odds are averaged.
     ensemble: int = 6
@@ -40,6 +40,11 @@ class DecoderSettings:
 
 
 DEFAULTS = DecoderSettings()
+#: Of the weights, in what counts as one pass: of few epochs several passes. Networks need some
+#: hundred updates to learn anything, and the running mean of weights some dozens to forget the
+#: start. On planted error potentials (3 people of 100 epochs, 15 passes) AUROC was .86 with 1,
+#: .96 with 6, 10 and 20; LDA's is .96.
+LEAST_UPDATES = 10
 
 
 @dataclass(frozen=True)
@@ -126,11 +131,14 @@ def train(networks, data, seeds, settings) -> pd.DataFrame:
     generators = [torch.Generator().manual_seed(seed) for seed in seeds]
     with torch.no_grad():
         means, seconds = networks.patch_moments(data.x.transpose(0, 1).contiguous())
+    repeats = passes_at_a_time(min(map(len, data.training)), settings.batch_size)
     best: list = [(np.inf, 0, {})] * len(seeds)  # validation loss, pass, weights
     history = []
     for number in range(settings.max_epochs):
         networks.train()
-        batches = _batches(data.training, generators, settings.batch_size)
+        batches = torch.cat(
+            [_batches(data.training, generators, settings.batch_size) for _ in range(repeats)]
+        )
         training_loss = torch.zeros(len(seeds), device=data.x.device)
         for rows in batches:
             moments = means[rows].mean(1), seconds[rows].mean(1)
@@ -151,6 +159,11 @@ def train(networks, data, seeds, settings) -> pd.DataFrame:
         schedule.step()
     networks.load_network_states([state for _, _, state in best])
     return pd.DataFrame(history, columns=["network", "pass", "training_loss", "validation_loss"])
+
+
+def passes_at_a_time(n_epochs, batch_size) -> int:
+    """How many passes over so many epochs count as one, that it may be `LEAST_UPDATES` long."""
+    return -(-LEAST_UPDATES // max(1, n_epochs // batch_size))
 
 
 def _batches(training, generators, size):

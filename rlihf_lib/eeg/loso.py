@@ -13,7 +13,7 @@ import torch
 from rlihf_lib.eeg import scores
 from rlihf_lib.eeg.channels import channel_auroc, refuse_leaks
 from rlihf_lib.eeg.decoder import Decoder
-from rlihf_lib.eeg.fitting import DEFAULTS, fit_fold
+from rlihf_lib.eeg.fitting import DEFAULTS, fit_fold, passes_at_a_time
 from rlihf_lib.eeg.preprocessing import Cohort, Preprocessing
 from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs, same_power
 from rlihf_lib.eeg.splits import leave_one_subject_out
@@ -71,7 +71,10 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
     folder, subjects = Path(folder), list(cohort)
     folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
     data, identities, input_format = _conditioned(cohort, settings)
-    keys = {fold.test: _fold_key(fold, settings, input_format, identities) for fold in folds}
+    counts = {subject: len(labels) for subject, (_, labels) in data.items()}
+    keys = {
+        fold.test: _fold_key(fold, settings, input_format, identities, counts) for fold in folds
+    }
     missing = [f for f in folds if recompute or not _is_done(folder, f.test, keys[f.test])]
     run = partial(_run_fold, cohort, input_format, settings, folder)
     jobs = [(fold.training_pool(data), keys[fold.test]) for fold in missing]
@@ -163,11 +166,14 @@ def _score(decoder, validation, table, settings):
     return pd.DataFrame([row])
 
 
-def _fold_key(fold, settings, input_format, identities):
+def _fold_key(fold, settings, input_format, identities, counts):
     """Name everything a fold's results follow from: a hash, and the power of every subject."""
+    shortest = min(sum(counts[s] for s in fold.training(n)) for n in range(len(fold.validation)))
+    repeats = passes_at_a_time(shortest, settings.batch_size)
     subjects = (*fold.pool, fold.test)
     exact, power = ({s: identities[s][part] for s in subjects} for part in (0, 1))
     parts = [_VERSION, asdict(fold), asdict(settings), asdict(input_format), exact]
+    parts += [repeats] if repeats > 1 else []
     return {"hash": sha256(canonical_json(parts)), "power": power}
 
 

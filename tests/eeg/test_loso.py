@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 import shutil
@@ -8,15 +9,18 @@ import pandas as pd
 import pytest
 from scipy.special import expit, logit
 
-from rlihf_lib.eeg import loso
+from rlihf_lib.eeg import fitting, lda, loso, scores
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.fitting import DecoderSettings
 from rlihf_lib.eeg.signals import SubjectEpochs, same_power
+from rlihf_lib.eeg.splits import leave_one_subject_out
+from rlihf_lib.profiles import PROFILES
 from rlihf_lib.study import REPOSITORY, Study
 
 SETTINGS = DecoderSettings(
     max_epochs=10, patience=10, ensemble=2, n_permutations=100, n_validation=1, batch_size=16
 )
+SMOKE = DecoderSettings(**dataclasses.asdict(PROFILES["smoke"].decoder))
 SUBJECTS = ["s02", "s03", "s04", "s05"]
 PLACES = [os.environ.get("RLIHF_NER2015"), REPOSITORY.parent / "shared" / "eeg" / "ner2015"]
 NER = next((Path(place) for place in PLACES if place and Path(place).is_dir()), None)
@@ -155,6 +159,22 @@ def trained(tmp_path, monkeypatch):
         return len(folds)
 
     return count
+
+
+@pytest.mark.parametrize("people", [3, 6, 12])
+@pytest.mark.parametrize("n", [100, 300])
+def test_few_people_and_epochs_are_decoded_as_well_as_by_lda(make_epochs, people, n):
+    """By networks of the sizes of `smoke`, whose first three held-out people are looked at."""
+    cohort = {f"s{i:02}": make_epochs(i, amplitude=4e-6, n=n) for i in range(people)}
+    data, _, layout = loso._conditioned(cohort, SMOKE)
+    aurocs = {}
+    for fold in leave_one_subject_out(list(cohort), SMOKE.ensemble)[:3]:
+        decoder, *_ = fitting.fit_fold(fold.training_pool(data), layout, SMOKE)
+        held_out = SubjectEpochs.from_mne(fold.test, cohort[fold.test])
+        aurocs[fold.test] = scores.auroc(decoder.log_odds(held_out.signals), held_out.labels)
+    classical = lda.across_subjects(cohort, SMOKE).set_index("subject")["auroc"][[*aurocs]]
+    assert np.mean(list(aurocs.values())) > classical.mean() - 0.02
+    assert min(aurocs.values()) > 0.85, "no fold comes out near chance"
 
 
 def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(
