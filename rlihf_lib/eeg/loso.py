@@ -78,7 +78,7 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
     missing = [f for f in folds if recompute or not _is_done(folder, f.test, keys[f.test])]
     run = partial(_run_fold, cohort, input_format, settings, folder)
     jobs = [(fold.training_pool(data), keys[fold.test]) for fold in missing]
-    n_processes = min(workers or os.cpu_count(), -(-len(jobs) // _FOLDS_PER_WORKER))
+    n_processes = min(workers or os.cpu_count() or 1, -(-len(jobs) // _FOLDS_PER_WORKER))
     one_thread = partial(torch.set_num_threads, 1)
     with Progress(len(folds), len(folds) - len(missing), "folds") as progress:
         for subject in in_processes(run, jobs, n_processes, one_thread):
