@@ -18,8 +18,8 @@ def in_processes(
     # Spawned, because a forked process inherits the locks of PyTorch's and MNE's threads.
     others = set(active_children())
     with ProcessPoolExecutor(workers, get_context("spawn"), initializer) as executor:
-        futures = [executor.submit(run, *job) for job in jobs]
         try:
+            futures = [executor.submit(run, *job) for job in jobs]
             for future in as_completed(futures):
                 yield future.result()
         except BaseException:  # stopped, too: jobs that have begun would take their time
