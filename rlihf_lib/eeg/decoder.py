@@ -17,12 +17,18 @@ from rlihf_lib.files import atomic_path
 
 
 class Decoder:
-    """EEGNets with one temperature; `prior` is the fraction of errors in their training pool."""
+    """EEGNets with one temperature; `prior` is the fraction of errors in their training pool.
+
+    Where there is a `linear` decoder beside them, weights (n_channels, k) of `InputFormat.means`
+    and a `bias`, its log-odds are added to theirs (`stacking`).
+    """
 
     def __init__(
-        self, input_format: InputFormat, networks: EEGNetBatch, temperature=1.0, prior=0.5
-    ):
+        self, input_format: InputFormat, networks: EEGNetBatch, temperature=1.0, prior=0.5,
+        linear: np.ndarray | None = None, bias=0.0,
+    ):  # fmt: skip
         self.input_format = input_format
+        self.linear, self.bias = linear, bias
         # Double precision costs nothing at this size, and makes p the same in any batch and chunk.
         self.networks = networks.double().eval()
         self.temperature = temperature
@@ -49,7 +55,10 @@ class Decoder:
         if not np.isfinite(signals).all():
             raise ValueError("NaN or infinity in the EEG; drop the epoch or repair the channel")
         logits = self.networks(self.inputs(signals))
-        return (logits[..., 1] - logits[..., 0]).mean(0).numpy()
+        log_odds = (logits[..., 1] - logits[..., 0]).mean(0).numpy()
+        if self.linear is not None:
+            log_odds += (self.input_format.means(signals) * self.linear).sum((1, 2)) + self.bias
+        return log_odds
 
     def p_error(self, signals) -> np.ndarray:
         """Calibrated p(error), Eq. (3), shape (n,), of epochs as for `log_odds`."""
@@ -83,8 +92,12 @@ class Decoder:
             "temperature": self.temperature,
             "prior": self.prior,
         }
+        if self.linear is not None:
+            header["bias"] = self.bias
         # Trained in single precision, so nothing is lost.
         tensors = {n: value.float().contiguous() for n, value in self.networks.state_dict().items()}
+        if self.linear is not None:
+            tensors["linear"] = torch.from_numpy(self.linear)
         with atomic_path(path) as temporary:
             # One entry, because safetensors writes several in random order.
             temporary.write_bytes(save(tensors, metadata={"decoder": json.dumps(header)}))
@@ -99,9 +112,11 @@ class Decoder:
             layout = header["input_format"]
             input_format = InputFormat(**layout | {"channels": tuple(layout["channels"])})
             architecture = Architecture(**header["architecture"])
+            linear = tensors.pop("linear").numpy() if "bias" in header else None
             networks = EEGNetBatch(architecture, range(len(tensors["dense_bias"])))
             networks.load_state_dict(tensors)
-            return cls(input_format, networks, header["temperature"], header["prior"])
+            told = header["temperature"], header["prior"], linear, header.get("bias", 0.0)
+            return cls(input_format, networks, *told)
         except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
             raise ValueError(
                 f"{path} is not a decoder of this library or is damaged ({error}); train it anew "

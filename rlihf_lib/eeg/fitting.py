@@ -14,6 +14,7 @@ from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.eegnet import half_second_architecture
 from rlihf_lib.eeg.ensemble import EEGNetBatch
 from rlihf_lib.eeg.scores import fit_temperature
+from rlihf_lib.eeg.stacking import stack
 from rlihf_lib.files import sha256
 
 
@@ -37,6 +38,7 @@ class DecoderSettings:
     averaging: float = 0.98  # weight of the past in the running mean of weights, which is used
     dropout: float = 0.25  # published value for decoding across subjects
     seed: int = 0
+    linear: bool = False  # whether two linear decoders stand beside the networks (`stacking`)
 
 
 DEFAULTS = DecoderSettings()
@@ -62,8 +64,9 @@ class FoldData:
 def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.DataFrame]:
     """Train and calibrate the decoder of one fold, on a GPU if there is one.
 
-    From a `splits.TrainingPool`, subject -> (epochs (n, n_channels, m), labels (n,)), conditioned
-    as the `signals.InputFormat` says, to the decoder and the tables of `_validate` and `train`.
+    From a `splits.TrainingPool`, subject -> (epochs (n, n_channels, m), labels (n,), means (n,
+    n_channels, k)), as the `signals.InputFormat` makes them, to the decoder and the tables of
+    `_validate` and `train`.
     The held-out subject is not in the pool, so nothing here can depend on that subject.
 
     Notes
@@ -87,16 +90,20 @@ def fit_fold(pool, input_format, settings) -> tuple[Decoder, pd.DataFrame, pd.Da
         torch.manual_seed(seeds[0])  # dropout
         history = train(networks, data, seeds, settings)
     validation = _validate(networks.double().eval().cpu(), data)
-    evidence = validation[["log_odds", "label", "prior_log_odds"]].to_numpy().T
     prior = float(data.labels.double().mean())
-    decoder = Decoder(input_format, networks, fit_temperature(*evidence), prior)
+    if settings.linear:
+        linear, bias, temperature = stack(validation, pool)
+    else:
+        evidence = validation[["log_odds", "label", "prior_log_odds"]].to_numpy().T
+        linear, bias, temperature = None, 0.0, fit_temperature(*evidence)
+    decoder = Decoder(input_format, networks, temperature, prior, linear, bias)
     return decoder, validation, history
 
 
 def join(pool, members, device="cpu") -> FoldData:
     """Join the epochs of a `splits.TrainingPool` for some networks of its fold, by number."""
     fold = pool.fold
-    signals, labels = zip(*pool.values(), strict=True)
+    signals, labels, *_ = zip(*pool.values(), strict=True)
     subjects = np.repeat(list(pool), [len(part) for part in labels])
     offsets = [np.full(len(part), logit(part.mean()), np.float32) for part in labels]
     x = np.ascontiguousarray(np.concatenate(signals).transpose(1, 0, 2), dtype=np.float32)

@@ -7,28 +7,20 @@ recordings were calibrated, and beside it networks show what they are worth.
 
 import numpy as np
 import pandas as pd
-from scipy.linalg import eigh
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
 from rlihf_lib.eeg.fitting import DEFAULTS
 from rlihf_lib.eeg.scores import auroc, balanced_accuracy
-from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs
+from rlihf_lib.eeg.signals import STEP, InputFormat, SubjectEpochs, covariances, inverse_root
 from rlihf_lib.eeg.splits import leave_one_subject_out
 
-STEP = 0.05  # s
 N_FOLDS = 10  # within a subject
 
 
 def scaling(signals) -> np.ndarray:
     """One over the standard deviation of each channel, as a diagonal matrix; see `whitening`."""
     return np.diag(1 / signals.std(axis=(0, 2)))
-
-
-def covariances(signals) -> np.ndarray:
-    """Spatial covariance of each epoch, shape (n, n_channels, n_channels)."""
-    centred = signals - signals.mean(axis=2, keepdims=True)
-    return centred @ centred.transpose(0, 2, 1) / (signals.shape[2] - 1)
 
 
 def whitening(signals) -> np.ndarray:
@@ -38,13 +30,6 @@ def whitening(signals) -> np.ndarray:
     alignment approach, IEEE Trans. Biomed. Eng. 67, 399-410.
     """
     return inverse_root(covariances(signals).mean(axis=0))
-
-
-def inverse_root(covariance) -> np.ndarray:
-    """Symmetric inverse square root of a covariance matrix."""
-    power, axes = eigh(covariance)
-    # An average reference leaves one direction without power, which must not be blown up.
-    return (axes / np.sqrt(power + 1e-3 * power.mean())) @ axes.T
 
 
 def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFrame:

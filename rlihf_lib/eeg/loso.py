@@ -71,7 +71,7 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
     folder, subjects = Path(folder), list(cohort)
     folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
     data, identities, input_format = _conditioned(cohort, settings)
-    counts = {subject: len(labels) for subject, (_, labels) in data.items()}
+    counts = {subject: len(labels) for subject, (_, labels, _) in data.items()}
     keys = {
         fold.test: _fold_key(fold, settings, input_format, identities, counts) for fold in folds
     }
@@ -84,7 +84,7 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
         for subject in in_processes(run, jobs, n_processes, one_thread):
             progress.finished(subject)
     config = {
-        "settings": asdict(settings),
+        "settings": _told(settings),
         "input_format": asdict(input_format),
         "subjects": subjects,
         "folds": {subject: key["hash"] for subject, key in keys.items()},
@@ -116,7 +116,8 @@ def _conditioned(cohort, settings):
             input_format = InputFormat.of(epochs, settings.window)
         picked = input_format.pick(epochs)
         aurocs.append(channel_auroc(picked, epochs.labels))
-        data[subject] = input_format.condition(picked).astype(np.float32), epochs.labels
+        conditioned = input_format.condition(picked).astype(np.float32)
+        data[subject] = conditioned, epochs.labels, input_format.means(picked)
         identities[subject] = epochs.fingerprint(), epochs.power()
     refuse_leaks(aurocs, input_format.channels, "the epochs")
     return data, identities, input_format
@@ -166,13 +167,21 @@ def _score(decoder, validation, table, settings):
     return pd.DataFrame([row])
 
 
+def _told(settings):
+    """Settings as folds know them; a key of shipped ones lacks what does nothing in them."""
+    told = asdict(settings)
+    if not settings.linear:
+        del told["linear"]
+    return told
+
+
 def _fold_key(fold, settings, input_format, identities, counts):
     """Name everything a fold's results follow from: a hash, and the power of every subject."""
     shortest = min(sum(counts[s] for s in fold.training(n)) for n in range(len(fold.validation)))
     repeats = passes_at_a_time(shortest, settings.batch_size)
     subjects = (*fold.pool, fold.test)
     exact, power = ({s: identities[s][part] for s in subjects} for part in (0, 1))
-    parts = [_VERSION, asdict(fold), asdict(settings), asdict(input_format), exact]
+    parts = [_VERSION, asdict(fold), _told(settings), asdict(input_format), exact]
     parts += [repeats] if repeats > 1 else []
     return {"hash": sha256(canonical_json(parts)), "power": power}
 

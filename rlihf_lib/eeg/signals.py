@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import eigh
 
 from rlihf_lib.files import canonical_json, sha256
 
 NETWORK_RATE = 30.0  # Hz, at least; error potentials lie below 10 Hz
+STEP = 0.05  # s, of the means that linear decoders see
 UNIT = 10e-6  # V; brings EEG near 1, the batch normalisations do the rest
 CLASSES = ("correct", "error")
 #: Relative; processors differ by 2e-5, one other epoch in 500 by more than it.
@@ -79,6 +81,19 @@ class SubjectEpochs:
         return [[float(f"{value:.5e}") for value in mean] for mean in means]
 
 
+def covariances(signals) -> np.ndarray:
+    """Spatial covariance of each epoch, shape (n, n_channels, n_channels)."""
+    centred = signals - signals.mean(axis=2, keepdims=True)
+    return centred @ centred.transpose(0, 2, 1) / (signals.shape[2] - 1)
+
+
+def inverse_root(covariance) -> np.ndarray:
+    """Symmetric inverse square root of a covariance matrix."""
+    power, axes = eigh(covariance)
+    # An average reference leaves one direction without power, which must not be blown up.
+    return (axes / np.sqrt(power + 1e-3 * power.mean())) @ axes.T
+
+
 def same_power(first, second) -> bool:
     """Whether two results of `SubjectEpochs.power` are of the same signals."""
     first, second = np.asarray(first, float), np.asarray(second, float)
@@ -149,5 +164,13 @@ class InputFormat:
         Each epoch by itself: nothing is normalised over epochs or subjects. (On real feedback
         potentials, per-subject scaling and Euclidean alignment lost AUROC on validation subjects.)
         """
-        window = signals[..., self.start : self.stop].astype(np.float64)
-        return window.reshape(*window.shape[:-1], -1, self.decimation).mean(-1) / UNIT
+        return self._averaged(signals, self.decimation)
+
+    def means(self, signals) -> np.ndarray:
+        """Cut the window, average over 50 ms each, in units of 10 µV: (n, n_channels, k)."""
+        return self._averaged(signals, round(STEP * self.sfreq))
+
+    def _averaged(self, signals, width):
+        stop = self.start + (self.stop - self.start) // width * width
+        window = signals[..., self.start : stop].astype(np.float64)
+        return window.reshape(*window.shape[:-1], -1, width).mean(-1) / UNIT
