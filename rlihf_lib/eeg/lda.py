@@ -12,7 +12,14 @@ from threadpoolctl import threadpool_limits
 
 from rlihf_lib.eeg.fitting import DEFAULTS
 from rlihf_lib.eeg.scores import auroc, balanced_accuracy
-from rlihf_lib.eeg.signals import STEP, InputFormat, SubjectEpochs, covariances, inverse_root
+from rlihf_lib.eeg.signals import (
+    STEP,
+    InputFormat,
+    SubjectEpochs,
+    averaged,
+    covariances,
+    inverse_root,
+)
 from rlihf_lib.eeg.splits import leave_one_subject_out
 
 N_FOLDS = 10  # within a subject
@@ -55,7 +62,7 @@ def features(
 ) -> tuple[np.ndarray, np.ndarray]:
     """50-ms means that `across_subjects` decodes, (n, n_channels * n_means), and labels, (n,)."""
     signals, labels, width = _window(subject, epochs, settings)
-    return _flat(spatial(signals) @ _means(signals, width)), labels
+    return _flat(spatial(signals) @ averaged(signals, width)), labels
 
 
 def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
@@ -66,7 +73,7 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
     rows = []
     for subject in cohort:
         signals, labels, width = _window(subject, cohort[subject], settings)
-        means, each = _means(signals, width), covariances(signals)
+        means, each = averaged(signals, width), covariances(signals)
         fold = np.arange(len(labels)) * N_FOLDS // len(labels)
         decision = np.empty(len(labels))
         for k in range(N_FOLDS):
@@ -83,11 +90,6 @@ def _window(subject, epochs, settings):
     layout = InputFormat.of(taken, settings.window)
     signals = layout.pick(taken)[:, np.argsort(layout.channels), layout.start : layout.stop]
     return signals, taken.labels, round(STEP * layout.sfreq)
-
-
-def _means(signals, width):
-    whole = signals[..., : signals.shape[-1] // width * width]
-    return whole.reshape(*signals.shape[:2], -1, width).mean(axis=-1)
 
 
 def _flat(means):

@@ -81,6 +81,12 @@ class SubjectEpochs:
         return [[float(f"{value:.5e}") for value in mean] for mean in means]
 
 
+def averaged(signals, width) -> np.ndarray:
+    """Means of every `width` samples, as far as they are whole: (..., n_times // width)."""
+    whole = signals[..., : signals.shape[-1] // width * width]
+    return whole.reshape(*whole.shape[:-1], -1, width).mean(axis=-1)
+
+
 def covariances(signals) -> np.ndarray:
     """Spatial covariance of each epoch, shape (n, n_channels, n_channels)."""
     centred = signals - signals.mean(axis=2, keepdims=True)
@@ -164,13 +170,11 @@ class InputFormat:
         Each epoch by itself: nothing is normalised over epochs or subjects. (On real feedback
         potentials, per-subject scaling and Euclidean alignment lost AUROC on validation subjects.)
         """
-        return self._averaged(signals, self.decimation)
+        return self._cut(signals, self.decimation)
 
     def means(self, signals) -> np.ndarray:
         """Cut the window, average over 50 ms each, in units of 10 µV: (n, n_channels, k)."""
-        return self._averaged(signals, round(STEP * self.sfreq))
+        return self._cut(signals, round(STEP * self.sfreq))
 
-    def _averaged(self, signals, width):
-        stop = self.start + (self.stop - self.start) // width * width
-        window = signals[..., self.start : stop].astype(np.float64)
-        return window.reshape(*window.shape[:-1], -1, width).mean(-1) / UNIT
+    def _cut(self, signals, width):
+        return averaged(signals[..., self.start : self.stop].astype(np.float64), width) / UNIT

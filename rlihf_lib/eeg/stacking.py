@@ -44,10 +44,11 @@ def stack(validation: pd.DataFrame, pool) -> tuple[np.ndarray, float, float]:
     log-odds become those of all decoders together, and a `splits.TrainingPool` whose subjects have
     epochs, labels and `InputFormat.means`.
     """
+    spatial = {subject: covariances(pool[subject][0]).mean(axis=0) for subject in pool}
     columns = np.empty((len(validation), 3))
     columns[:, 0] = validation["log_odds"]
     for network, people in enumerate(pool.fold.validation):
-        fitted = _fit_both(pool, pool.fold.training(network))
+        fitted = _fit_both(pool, spatial, pool.fold.training(network))
         for subject in people:
             rows = (validation["network"] == network) & (validation["subject"] == subject)
             for column, (weights, bias) in enumerate(fitted, start=1):
@@ -63,14 +64,14 @@ def stack(validation: pd.DataFrame, pool) -> tuple[np.ndarray, float, float]:
     weights = minimize(cross_entropy, np.full(3, 0.3), bounds=bounds).x / scale
     temperature = float(1 / weights[0])
     validation["log_odds"] = temperature * columns @ weights
-    parts = zip(temperature * weights[1:], _fit_both(pool, tuple(pool)), strict=True)
+    parts = zip(temperature * weights[1:], _fit_both(pool, spatial, tuple(pool)), strict=True)
     linear, bias = zip(*((w * linear, w * bias) for w, (linear, bias) in parts), strict=True)
     return sum(linear), float(sum(bias)), temperature
 
 
-def _fit_both(pool, people):
+def _fit_both(pool, spatial, people):
     """Fit to some people of a pool, as it is and whitened."""
-    _, labels, means = (np.concatenate(part) for part in zip(*map(pool.get, people), strict=True))
+    labels, means = (np.concatenate([pool[s][part] for s in people]) for part in (1, 2))
     subjects = np.repeat(people, [len(pool[subject][1]) for subject in people])
-    covariance = np.mean([covariances(pool[subject][0]).mean(0) for subject in people], axis=0)
+    covariance = np.mean([spatial[subject] for subject in people], axis=0)
     return fit_linear(means, labels, subjects), fit_linear(means, labels, subjects, covariance)

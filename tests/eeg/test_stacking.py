@@ -30,10 +30,6 @@ def finished(cohort, tmp_path_factory):
     return folder, loso.run_loso(cohort, folder, SETTINGS, workers=1)
 
 
-def epochs_of(cohort, subject):
-    return SubjectEpochs.from_mne(subject, cohort[subject])
-
-
 def test_weights_are_those_of_scikit_learn():
     rng = np.random.default_rng(0)
     means, labels = rng.normal(size=(80, 4, 3)), rng.random(80) < 0.4
@@ -87,7 +83,7 @@ def test_useless_networks_leave_the_word_to_the_linear_decoders(cohort):
 def test_networks_and_linear_decoders_are_saved_and_streamed_as_one(cohort, finished):
     folder, table = finished
     decoder = Decoder.load(folder / "weights" / "s03.safetensors")
-    held_out = epochs_of(cohort, "s03")
+    held_out = SubjectEpochs.from_mne("s03", cohort["s03"])
     log_odds = decoder.log_odds(held_out.signals)
     alone = Decoder(decoder.input_format, decoder.networks).log_odds(held_out.signals)
     means = decoder.input_format.means(held_out.signals)
