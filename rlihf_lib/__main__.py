@@ -24,6 +24,8 @@ def parser() -> argparse.ArgumentParser:
     add("--profile", choices=PROFILES, default="quick", help="size (default quick)")
     add("--eeg", default="simulated", metavar="simulated|hri|PATH", help="recordings: simulated "
         "(default), the paper's (downloads), or your folder of epochs")  # fmt: skip
+    add("--p-error", default="", metavar="FILE.csv", help="instead of recordings, what another "
+        "decoder says: subject, epoch, label, p_error")  # fmt: skip
     add("--events", nargs=2, default=EVENTS, metavar=("OK", "ERR"),
         help="names of the two events in your folder of epochs")  # fmt: skip
     add("--drop-channels", nargs="+", default=(), metavar="CH",
@@ -55,10 +57,8 @@ def main(argv=None) -> int:
         )
         return 1
     try:
-        study = Study(
-            options.profile, options.eeg, options.out, options.events, options.drop_channels
-        )
-        steps = select([name for item in options.only for name in item.split(",")])
+        study = _study(options)
+        steps = select([name for item in options.only for name in item.split(",")], study)
     except ValueError as error:
         command.error(str(error))
     try:
@@ -75,6 +75,22 @@ def main(argv=None) -> int:
         print("\ninterrupted; the same command goes on from here", file=sys.stderr)
         return 130
     return 0
+
+
+def _study(options):
+    eeg = options.eeg
+    if options.p_error:
+        if eeg != "simulated":
+            raise ValueError(
+                f"--p-error {options.p_error} stands for --eeg {eeg}; give one of them"
+            )
+        if not options.p_error.endswith(".csv"):
+            raise ValueError(f"--p-error is {options.p_error!r}; give a table, FILE.csv")
+        eeg = options.p_error
+    study = Study(options.profile, eeg, options.out, options.events, options.drop_channels)
+    if study.is_table:
+        study.p_error()  # before anything is trained
+    return study
 
 
 def _print_status(study, workers):
