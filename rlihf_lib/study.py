@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from rlihf_lib.files import check_sums
 from rlihf_lib.profiles import PROFILES
 from rlihf_lib.rl.feedback import (
     COLUMNS,
@@ -114,12 +115,14 @@ class Study:
         """
         if self.is_table:
             adopt_table(Path(self.eeg), self.decoder)
+        check_sums(self.decoder)
         return read_table(self.decoder / "p_error.csv")
 
     def scores(self) -> pd.DataFrame:
         """Read the scores of the decoders, a row per held-out subject; errors as in `p_error`."""
         if self.is_table:
             adopt_table(Path(self.eeg), self.decoder)
+        check_sums(self.decoder)
         return read_table(self.decoder / "scores.csv", ("subject", "auroc"))
 
     def ranked_subjects(self) -> list[str]:

@@ -14,7 +14,7 @@ import pandas as pd
 from scipy.special import expit, logit, ndtri
 
 from rlihf_lib.eeg.scores import accuracy, auroc, balanced_accuracy
-from rlihf_lib.files import sha256, write_csv
+from rlihf_lib.files import sha256, write_csv, write_sums
 
 COLUMNS = ("subject", "epoch", "label", "p_error")
 IDEAL, MEAN, SHUFFLED = CONTROLS = ("ideal", "mean", "shuffled")
@@ -138,6 +138,7 @@ def adopt_table(path: Path, folder: Path) -> None:
         rows.append({"subject": subject, **scores})
     write_csv(folder / "scores.csv", pd.DataFrame(rows))
     write_csv(ours, table)
+    write_sums(folder, ["p_error.csv", "scores.csv"])
 
 
 def rows_of(p_error: pd.DataFrame | None, subject: str) -> pd.DataFrame:
