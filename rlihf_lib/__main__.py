@@ -8,6 +8,7 @@ from datetime import timedelta
 from rlihf_lib.regenerate import NOTEBOOKS, NotebookError, regenerate, select
 from rlihf_lib.study import EVENTS, PROFILES, Study
 
+MOST_WORKERS = 1_000
 SECONDS_OF_DRAWING = 150  # on two cores
 
 
@@ -40,8 +41,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _worker_count(text):
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
+    if not (text.isascii() and text.isdigit() and int(text) <= MOST_WORKERS):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a number of processes, 1 to {MOST_WORKERS}, or 0 for the cores"
+        )
     return int(text)
 
 

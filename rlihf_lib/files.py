@@ -22,8 +22,8 @@ def atomic_path(path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OSError(
-            f"cannot create the folder {path.parent} ({error.strerror}); "
-            "choose another output folder with --out"
+            f"cannot create the folder {path.parent} ({error.strerror}); make its place writable, "
+            "or choose another: --out for results, RLIHF_CACHE for recordings"
         ) from error
     # The suffix stays last because libraries choose the format by it.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")

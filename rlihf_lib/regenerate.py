@@ -69,10 +69,13 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     """Execute steps and keep the executed copies in `study.notebooks`.
 
     On `workers` processes, 0 = one per core. Before anything is computed, an OSError says if the
-    output folders cannot be written to, a ValueError if a notebook lacks a parameter; then a
-    NotebookError if a cell raises.
+    output folders cannot be written to or p(error) is neither there nor made, a ValueError if a
+    notebook lacks a parameter; then a NotebookError if a cell raises.
     """
     _check_writable(study)
+    names = {step.notebook for step in steps}
+    if names.difference(FROM_EEG) and "02_loso_decoder" not in names:
+        study.p_error()  # which policies need; not after hours of those that don't
     jobs = [
         (
             NOTEBOOKS / f"{step.notebook}.ipynb",

@@ -65,7 +65,7 @@ class Study:
         self.profile = PROFILES[profile]
         self.eeg = self.eeg_name = str(eeg)
         self.events, self.drop_channels = tuple(events), tuple(drop_channels)
-        if len(set(self.events)) != 2:
+        if len(self.events) != 2 or len({*map(str.strip, self.events)} - {""}) != 2:
             raise ValueError(f"events are {self.events}; give the names of two, correct and error")
         self.is_table = self.eeg.endswith(".csv")
         if self.eeg not in EEG_SOURCES:

@@ -54,7 +54,10 @@ def test_help_is_short_and_starts_without_heavy_imports():
         (["--profile", "huge"], "'huge'"),
         (["--eeg", "/no/such/folder"], "neither simulated nor hri nor a folder"),
         (["--only", "07"], "there is no notebook '07' to execute; choose from 01_dataset"),
-        (["--workers", "-1"], "'-1'"),
+        (["--workers", "-1"], "'-1' is not a number of processes"),
+        (["--workers", "²"], "'²' is not a number of processes"),
+        (["--workers", "9" * 20], "is not a number of processes, 1 to 1000"),
+        (["--events", "", "b"], "give the names of two"),
         (["--events", "hit", "hit"], "give the names of two"),
         (["--events", "hit", "miss"], "for a folder only, not for simulated"),
         (["--drop-channels", "Cz"], "can be dropped from a folder only, not from simulated"),
@@ -79,6 +82,12 @@ def test_an_output_folder_that_cannot_be_written_is_an_error_before_any_work(tmp
     message = capsys.readouterr().err
     assert str(tmp_path / "file") in message and "--out" in message
     assert (tmp_path / "file").read_text() == "a file, not a folder"
+
+
+def test_feedback_that_is_missing_is_said_before_anything_is_trained(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+    assert main(["--profile", "smoke", "--out", str(tmp_path), "--only", "03"]) == 1
+    assert "p_error.csv does not exist yet; run notebook 02" in capsys.readouterr().err
 
 
 def test_only_accepts_numbers_and_names():
