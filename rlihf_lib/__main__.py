@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import signal
 import sys
 from datetime import timedelta
 
@@ -48,8 +49,17 @@ def _worker_count(text):
     return int(text)
 
 
+class Terminated(KeyboardInterrupt):
+    """Somebody asked the process to end (SIGTERM), which then cleans up as after ctrl-C."""
+
+
+def _terminate(*_):
+    raise Terminated
+
+
 def main(argv=None) -> int:
     """Run the command line; return the exit status."""
+    signal.signal(signal.SIGTERM, _terminate)
     command = parser()
     options = command.parse_args(argv)
     if not NOTEBOOKS.is_dir():
@@ -73,10 +83,10 @@ def main(argv=None) -> int:
     except (NotebookError, OSError, ValueError) as error:
         print(f"rlihf_lib: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # nbclient's unfinished tasks
         print("\ninterrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+        return 143 if isinstance(stopped, Terminated) else 130
     return 0
 
 
