@@ -31,11 +31,11 @@ class Study:
     profile : {"smoke", "class", "quick", "paper", "pilots"}
         How much is computed.
     eeg : str or Path
-        "simulated", "hri" (the paper's recordings), or a folder of `sub-XX[_ses-YY]_epo.fif`.
+        "simulated", "hri" (the paper's recordings), or a folder of one's own (`eeg.folders`).
     out : str or Path
         Where `results/` and `figures/` go; empty for the repository.
     events, drop_channels : sequence of str
-        Of a folder of epochs the names of the correct and the error event, and channels left out.
+        Of a folder the names of the correct and the error event, and channels left out.
     ship : bool
         Whether figures and tables of the repository are replaced; else a reader's go to the folder
         `yours` beside the runs, which git ignores.
@@ -43,8 +43,8 @@ class Study:
     Raises
     ------
     ValueError
-        If profile or `eeg` are unknown, `events` are not two names, or events or channels to drop
-        are named for a built-in source.
+        If profile or `eeg` are unknown, a folder holds no recordings (`eeg.folders.find`), `events`
+        are not two names, or events or channels to drop are named for a built-in source.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Study:
         if self.eeg not in EEG_SOURCES:
             self.eeg, self.eeg_name = _folder(self.eeg)
         elif self.events != EVENTS:
-            raise ValueError(f"events can be named for a folder of epochs only, not for {self.eeg}")
+            raise ValueError(f"events can be named for a folder only, not for {self.eeg}")
         elif self.drop_channels:
             raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
         self.name = f"{profile}-{self.eeg_name}"
@@ -241,19 +241,26 @@ class Study:
 
 
 def _folder(eeg):
-    """Full path and name of a folder of epochs."""
+    """Full path and name of a folder of one's own EEG."""
+    from rlihf_lib.eeg.folders import WANTED, find  # built-in sources don't need it
+
     folder = Path(eeg).expanduser()
-    if not folder.is_dir():
+    if not eeg.strip() or not folder.is_dir():
         raise ValueError(
             f"eeg is {eeg!r}, neither {' nor '.join(EEG_SOURCES)} nor a folder; "
-            "give one of these or a folder of sub-XX[_ses-YY]_epo.fif files"
+            f"give one of these or a folder of {WANTED}"
         )
     folder = folder.resolve()
+    if not folder.name:
+        raise ValueError(
+            f"the EEG folder {folder} has no name for its results; give a folder in it"
+        )
     if folder.name in EEG_SOURCES:
         raise ValueError(
             f"the EEG folder {folder} is named like a built-in source, so their results would mix; "
             "rename the folder"
         )
+    find(folder)  # says what is wrong with its files
     return str(folder), folder.name
 
 
