@@ -8,6 +8,7 @@ from datetime import timedelta
 from rlihf_lib.regenerate import NOTEBOOKS, NotebookError, regenerate, select
 from rlihf_lib.study import EEG_SOURCES, EVENTS, PROFILES, Study
 
+MOST_WORKERS = 1_000
 SECONDS_OF_DRAWING = 150  # on two cores
 
 
@@ -25,6 +26,8 @@ def parser() -> argparse.ArgumentParser:
     add("--eeg", default="simulated", metavar="simulated|hri|PATH", help="recordings: simulated "
         "(default), the paper's (downloads), or your folder of sub-XX files: MNE epochs, FIF, "
         "EEGLAB, BrainVision, EDF, BDF, GDF, flat or BIDS; --list says what is found")  # fmt: skip
+    add("--p-error", default="", metavar="FILE.csv", help="instead of recordings, what another "
+        "decoder says: subject, epoch, label, p_error")  # fmt: skip
     add("--events", nargs=2, default=EVENTS, metavar=("OK", "ERR"),
         help="names of the two events in your folder")  # fmt: skip
     add("--drop-channels", nargs="+", default=(), metavar="CH",
@@ -39,8 +42,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _worker_count(text):
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; 0 = the cores")
+    if not (text.isascii() and text.isdigit() and int(text) <= MOST_WORKERS):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a number of processes, 1 to {MOST_WORKERS}, or 0 for the cores"
+        )
     return int(text)
 
 
@@ -56,11 +61,9 @@ def main(argv=None) -> int:
         )
         return 1
     try:
-        study = Study(
-            options.profile, options.eeg, options.out, options.events, options.drop_channels
-        )
-        steps = select([name for item in options.only for name in item.split(",")])
-    except ValueError as error:
+        study = _study(options)
+        steps = select([name for item in options.only for name in item.split(",")], study)
+    except (OSError, ValueError) as error:
         command.error(str(error))
     try:
         if options.list:
@@ -78,6 +81,22 @@ def main(argv=None) -> int:
     return 0
 
 
+def _study(options):
+    eeg = options.eeg
+    if options.p_error:
+        if eeg != "simulated":
+            raise ValueError(
+                f"--p-error {options.p_error} stands for --eeg {eeg}; give one of them"
+            )
+        if not options.p_error.endswith(".csv"):
+            raise ValueError(f"--p-error is {options.p_error!r}; give a table, FILE.csv")
+        eeg = options.p_error
+    study = Study(options.profile, eeg, options.out, options.events, options.drop_channels)
+    if study.is_table:
+        study.p_error()  # before anything is trained
+    return study
+
+
 def _print_status(study, workers):
     table = study.status(workers)
     rest = table["seconds"].map(lambda seconds: str(timedelta(seconds=round(seconds))))
@@ -85,7 +104,7 @@ def _print_status(study, workers):
     print(table.drop(columns="seconds").assign(rest=rest).to_string(index=False))
     total = table["seconds"].sum() + SECONDS_OF_DRAWING
     print(f"everything takes about {timedelta(seconds=round(total))}, drawing included")
-    if study.eeg not in EEG_SOURCES:
+    if study.eeg not in EEG_SOURCES and not study.is_table:
         from rlihf_lib.eeg.overview import describe  # imports MNE, so only when needed
 
         print(describe(study.eeg, study.drop_channels))

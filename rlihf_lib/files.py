@@ -3,9 +3,11 @@
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+
+SUMS = "SHA256SUMS"  # of the other files of a folder, as `sha256sum -c` reads it
 
 
 @contextmanager
@@ -20,8 +22,8 @@ def atomic_path(path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OSError(
-            f"cannot create the folder {path.parent} ({error.strerror}); "
-            "choose another output folder with --out"
+            f"cannot create the folder {path.parent} ({error.strerror}); make its place writable, "
+            "or choose another: --out for results, RLIHF_CACHE for recordings"
         ) from error
     # The suffix stays last because libraries choose the format by it.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
@@ -60,3 +62,35 @@ def sha256(data) -> str:
     elif isinstance(data, str):
         data = data.encode()
     return hashlib.sha256(data).hexdigest()
+
+
+def sums(files: Mapping[str, bytes | Path]) -> str:
+    """Content of `SUMS` for files, their content or path by name."""
+    return "".join(f"{sha256(files[name])}  {name}\n" for name in sorted(files))
+
+
+def write_sums(folder, names) -> None:
+    """Write `SUMS` of some files of a folder."""
+    write_text(Path(folder) / SUMS, sums({name: Path(folder) / name for name in names}))
+
+
+def check_sums(folder, may_lack=()) -> bool:
+    """Tell whether a folder has `SUMS`; a ValueError names a file that isn't what they say.
+
+    Files that the folder `may_lack` need not be there.
+    """
+    folder = Path(folder)
+    try:
+        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return False
+    for line in lines:
+        digest, _, name = line.partition("  ")
+        path = folder / name
+        there = path.is_file()
+        if (there and sha256(path) != digest) or not (there or name in may_lack):
+            raise ValueError(
+                f"{path} is {'not what was written' if there else 'gone'} (its hash is in {SUMS} "
+                f"beside it); restore it, or delete the folder {folder} to compute it anew"
+            )
+    return True

@@ -38,37 +38,44 @@ STEPS = (
     Step("04_metrics_tables"),
     Step("05_whf_ablation"),
 )
+FROM_EEG = ("01_dataset_preprocessing", "02_loso_decoder")
 #: Notebooks that read epochs: they need to know how events are named, and what to leave out.
-READ_EPOCHS = ("01_dataset_preprocessing", "02_loso_decoder", "03_policy_training")
+READ_EPOCHS = (*FROM_EEG, "03_policy_training")
 
 
 class NotebookError(RuntimeError):
     """An error inside a notebook, told in the words a reader needs."""
 
 
-def select(only) -> list[Step]:
+def select(only, study: Study) -> list[Step]:
     """Return the steps of notebooks, named like "04" or "02_loso_decoder", in order; of none: all.
 
-    A ValueError says if there is no such notebook.
+    All but `FROM_EEG` if the study is given p(error). A ValueError says if there is no such step.
     """
-    names = list(dict.fromkeys(step.notebook for step in STEPS))
+    steps = [step for step in STEPS if not (study.is_table and step.notebook in FROM_EEG)]
+    names = list(dict.fromkeys(step.notebook for step in steps))
     chosen = set()
     for wanted in only:
         found = [name for name in names if wanted == name or wanted.zfill(2) == name[:2]]
         if not found:
-            raise ValueError(f"there is no notebook {wanted!r}; choose from {', '.join(names)}")
+            raise ValueError(
+                f"there is no notebook {wanted!r} to execute; choose from {', '.join(names)}"
+            )
         chosen.update(found)
-    return [step for step in STEPS if not only or step.notebook in chosen]
+    return [step for step in steps if not only or step.notebook in chosen]
 
 
 def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     """Execute steps and keep the executed copies in `study.notebooks`.
 
     On `workers` processes, 0 = one per core. Before anything is computed, an OSError says if the
-    output folders cannot be written to, a ValueError if a notebook lacks a parameter; then a
-    NotebookError if a cell raises.
+    output folders cannot be written to or p(error) is neither there nor made, a ValueError if a
+    notebook lacks a parameter; then a NotebookError if a cell raises.
     """
     _check_writable(study)
+    names = {step.notebook for step in steps}
+    if names.difference(FROM_EEG) and "02_loso_decoder" not in names:
+        study.p_error()  # which policies need; not after hours of those that don't
     jobs = [
         (
             NOTEBOOKS / f"{step.notebook}.ipynb",

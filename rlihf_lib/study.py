@@ -6,8 +6,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from rlihf_lib.files import check_sums
 from rlihf_lib.profiles import PROFILES
-from rlihf_lib.rl.feedback import IDEAL, controls_of, p_error_sha256, with_controls
+from rlihf_lib.rl.feedback import (
+    COLUMNS,
+    IDEAL,
+    adopt_table,
+    controls_of,
+    p_error_sha256,
+    read_table,
+    with_controls,
+)
 from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -31,7 +40,8 @@ class Study:
     profile : {"smoke", "class", "quick", "paper", "pilots"}
         How much is computed.
     eeg : str or Path
-        "simulated", "hri" (the paper's recordings), or a folder of one's own (`eeg.folders`).
+        "simulated", "hri" (the paper's recordings), a folder of one's own (`eeg.folders`), or what
+        somebody else's decoder says: a table of p(error), FILE.csv (`rl.feedback.read_table`).
     out : str or Path
         Where `results/` and `figures/` go; empty for the repository.
     events, drop_channels : sequence of str
@@ -55,14 +65,16 @@ class Study:
         self.profile = PROFILES[profile]
         self.eeg = self.eeg_name = str(eeg)
         self.events, self.drop_channels = tuple(events), tuple(drop_channels)
-        if len(set(self.events)) != 2:
+        if len(self.events) != 2 or len({*map(str.strip, self.events)} - {""}) != 2:
             raise ValueError(f"events are {self.events}; give the names of two, correct and error")
+        self.is_table = self.eeg.endswith(".csv")
         if self.eeg not in EEG_SOURCES:
-            self.eeg, self.eeg_name = _folder(self.eeg)
-        elif self.events != EVENTS:
-            raise ValueError(f"events can be named for a folder only, not for {self.eeg}")
-        elif self.drop_channels:
-            raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
+            self.eeg, self.eeg_name = (_table if self.is_table else _folder)(self.eeg)
+        if self.eeg in EEG_SOURCES or self.is_table:
+            if self.events != EVENTS:
+                raise ValueError(f"events can be named for a folder only, not for {self.eeg}")
+            if self.drop_channels:
+                raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
         self.name = f"{profile}-{self.eeg_name}"
         self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name
@@ -80,6 +92,8 @@ class Study:
     @property
     def eeg_label(self) -> str:
         """Words for figures and tables: whose EEG this is."""
+        if self.is_table:
+            return f"p(error) of {self.eeg_name}"
         recorded = {"simulated": "simulated EEG", "hri": "recorded EEG (ErrP-HRI)"}
         return recorded.get(self.eeg_name, f"recorded EEG ({self.eeg_name})")
 
@@ -97,23 +111,19 @@ class Study:
     def p_error(self) -> pd.DataFrame:
         """Read the p(error) table of held-out epochs, the only thing policies know of the EEG.
 
-        Columns subject, epoch, label (1 = error), p_error (calibrated), ... A FileNotFoundError
-        says if notebook 02 has not written it yet, a ValueError if a column is missing or a
-        probability is not in [0, 1].
+        As `rl.feedback.read_table`, whose errors it has. Somebody else's is adopted first.
         """
-        path = self.decoder / "p_error.csv"
-        table = _read_table(path, ("subject", "epoch", "label", "p_error"))
-        if not table["p_error"].between(0, 1).all():
-            row = table.index[~table["p_error"].between(0, 1)][0]
-            raise ValueError(
-                f"{path}, line {row + 2}: p_error is {table['p_error'][row]}, not in [0, 1]; "
-                "write the table anew with notebook 02"
-            )
-        return table
+        if self.is_table:
+            adopt_table(Path(self.eeg), self.decoder)
+        check_sums(self.decoder)
+        return read_table(self.decoder / "p_error.csv")
 
     def scores(self) -> pd.DataFrame:
         """Read the scores of the decoders, a row per held-out subject; errors as in `p_error`."""
-        return _read_table(self.decoder / "scores.csv", ("subject", "auroc"))
+        if self.is_table:
+            adopt_table(Path(self.eeg), self.decoder)
+        check_sums(self.decoder)
+        return read_table(self.decoder / "scores.csv", ("subject", "auroc"))
 
     def ranked_subjects(self) -> list[str]:
         """List the decoded subjects by the AUROC of their held-out epochs, weakest first."""
@@ -264,16 +274,17 @@ def _folder(eeg):
     return str(folder), folder.name
 
 
-def _read_table(path, columns):
+def _table(eeg):
+    """Full path and name of a table of p(error)."""
+    path = Path(eeg).expanduser().resolve()
     if not path.is_file():
-        raise FileNotFoundError(
-            f"{path} does not exist yet; run notebook 02_loso_decoder first (--only 02)"
-        )
-    # Shortest-representation floats come back bit by bit only from the round-trip parser.
-    table = pd.read_csv(path, dtype={"subject": str}, float_precision="round_trip")
-    missing = [column for column in columns if column not in table.columns]
-    if missing:
         raise ValueError(
-            f"{path} lacks the column(s) {', '.join(missing)}; write it anew with notebook 02"
+            f"there is no file {path}; give a table of p(error) with the columns "
+            f"{', '.join(COLUMNS)}"
         )
-    return table
+    if path.stem in EEG_SOURCES:
+        raise ValueError(
+            f"the table {path} is named like a built-in source, so their results would mix; "
+            "rename the file"
+        )
+    return str(path), path.stem

@@ -53,11 +53,17 @@ def test_help_is_short_and_starts_without_heavy_imports():
     [
         (["--profile", "huge"], "'huge'"),
         (["--eeg", "/no/such/folder"], "neither simulated nor hri nor a folder"),
-        (["--only", "07"], "there is no notebook '07'; choose from 01_dataset"),
-        (["--workers", "-1"], "'-1'"),
+        (["--only", "07"], "there is no notebook '07' to execute; choose from 01_dataset"),
+        (["--workers", "-1"], "'-1' is not a number of processes"),
+        (["--workers", "²"], "'²' is not a number of processes"),
+        (["--workers", "9" * 20], "is not a number of processes, 1 to 1000"),
+        (["--events", "", "b"], "give the names of two"),
         (["--events", "hit", "hit"], "give the names of two"),
-        (["--events", "hit", "miss"], "for a folder of epochs only, not for simulated"),
+        (["--events", "hit", "miss"], "for a folder only, not for simulated"),
         (["--drop-channels", "Cz"], "can be dropped from a folder only, not from simulated"),
+        (["--p-error", "/no/such.csv"], "there is no file /no/such.csv"),
+        (["--p-error", "a.xlsx"], "give a table, FILE.csv"),
+        (["--p-error", "a.csv", "--eeg", "hri"], "give one of them"),
         (["--wokers", "2"], "unrecognized arguments: --wokers"),
     ],
 )
@@ -78,14 +84,28 @@ def test_an_output_folder_that_cannot_be_written_is_an_error_before_any_work(tmp
     assert (tmp_path / "file").read_text() == "a file, not a folder"
 
 
+def test_feedback_that_is_missing_is_said_before_anything_is_trained(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+    assert main(["--profile", "smoke", "--out", str(tmp_path), "--only", "03"]) == 1
+    assert "p_error.csv does not exist yet; run notebook 02" in capsys.readouterr().err
+
+
 def test_only_accepts_numbers_and_names():
-    assert [step.title for step in select(["4", "03_policy_training"])] == [
+    assert [step.title for step in select(["4", "03_policy_training"], Study("smoke"))] == [
         "03_policy_training-sparse",
         "03_policy_training-dense",
         "03_policy_training-rlihf",
         "04_metrics_tables",
     ]
-    assert len(select([])) == 7
+    assert len(select([], Study("smoke"))) == 7
+
+
+def test_of_a_table_of_p_error_what_reads_eeg_is_left_out(tmp_path):
+    (tmp_path / "lab.csv").touch()
+    study = Study("smoke", tmp_path / "lab.csv")
+    assert {step.notebook[:2] for step in select([], study)} == {"03", "04", "05"}
+    with pytest.raises(ValueError, match="no notebook '2' to execute; choose from 03_"):
+        select(["2"], study)
 
 
 def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(tmp_path, monkeypatch):

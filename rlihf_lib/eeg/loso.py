@@ -18,11 +18,20 @@ from rlihf_lib.eeg.preprocessing import Cohort, Preprocessing
 from rlihf_lib.eeg.signals import InputFormat, SubjectEpochs, same_power
 from rlihf_lib.eeg.splits import leave_one_subject_out
 from rlihf_lib.eeg.streaming import replay
-from rlihf_lib.files import canonical_json, sha256, write_csv, write_text
+from rlihf_lib.files import (
+    SUMS,
+    canonical_json,
+    check_sums,
+    sha256,
+    write_csv,
+    write_sums,
+    write_text,
+)
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
 
 TABLES = ("p_error", "training", "scores")  # the last is what `run_loso` returns
+_FOLD = ("fold.json", *(f"{name}.csv" for name in TABLES))  # files of a finished fold
 _VERSION = 1  # raise when the method changes in anything but its settings
 _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a small fold
 
@@ -89,21 +98,31 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
         "subjects": subjects,
         "folds": {subject: key["hash"] for subject, key in keys.items()},
     }
+    (folder / SUMS).unlink(missing_ok=True)
     read = partial(pd.read_csv, dtype={"subject": str}, float_precision="round_trip")
     for name in TABLES:
         files = [folder / "folds" / subject / f"{name}.csv" for subject in subjects]
         merged = pd.concat(map(read, files), ignore_index=True)
         write_csv(folder / f"{name}.csv", merged)
     write_text(folder / "config.json", json.dumps(config, indent=1) + "\n")
+    names = ["config.json", *(f"{name}.csv" for name in TABLES), *map(_weights, subjects)]
+    write_sums(folder, names)
     return merged
 
 
 def load_decoder(folder, subject) -> Decoder:
-    """The decoder that never saw `subject`; a FileNotFoundError if it isn't trained yet."""
-    path = Path(folder) / "weights" / f"{subject}.safetensors"
-    if not path.is_file():
+    """The decoder that never saw `subject`.
+
+    A FileNotFoundError says if it isn't trained yet, a ValueError if a file has changed since.
+    """
+    path = Path(folder) / _weights(subject)
+    if not (check_sums(folder) and path.is_file()):
         raise FileNotFoundError(f"{path} does not exist yet; run notebook 02_loso_decoder first")
     return Decoder.load(path)
+
+
+def _weights(subject):
+    return f"weights/{subject}.safetensors"
 
 
 def _conditioned(cohort, settings):
@@ -127,7 +146,9 @@ def _run_fold(cohort, input_format, settings, folder, pool, key):
     """Train and score one fold and write its files, its key last; return its subject."""
     subject = pool.fold.test
     decoder, validation, history = fit_fold(pool, input_format, settings)
-    decoder.save(folder / "weights" / f"{subject}.safetensors")
+    target = folder / "folds" / subject
+    (target / SUMS).unlink(missing_ok=True)  # until all is new, nothing counts
+    decoder.save(folder / _weights(subject))
     # Only now, with everything fitted, is the held-out subject looked at.
     held_out = SubjectEpochs.from_mne(subject, cohort[subject], settings.channels)
     log_odds, _ = replay(decoder, input_format.pick(held_out))
@@ -139,11 +160,11 @@ def _run_fold(cohort, input_format, settings, folder, pool, key):
         "p_error_raw": scores.probability(log_odds, prior=decoder.prior),
     }
     table = pd.DataFrame(columns)
-    target = folder / "folds" / subject
     write_csv(target / "p_error.csv", table)
     write_csv(target / "training.csv", history.assign(subject=subject))
     write_csv(target / "scores.csv", _score(decoder, validation, table, settings))
     write_text(target / "fold.json", json.dumps(key) + "\n")
+    write_sums(target, _FOLD)
     return subject
 
 
@@ -188,11 +209,8 @@ def _fold_key(fold, settings, input_format, identities, counts):
 
 def _is_done(folder, subject, key):
     target = folder / "folds" / subject
-    files = [target / f"{name}.csv" for name in TABLES]
-    files.append(folder / "weights" / f"{subject}.safetensors")
-    try:
-        found = json.loads((target / "fold.json").read_text())
-        same = [same_power(found["power"][person], power) for person, power in key["power"].items()]
-        return found["hash"] == key["hash"] and all(same) and all(map(Path.is_file, files))
-    except (FileNotFoundError, ValueError, KeyError):
+    if not (check_sums(target) and (folder / _weights(subject)).is_file()):
         return False
+    found = json.loads((target / "fold.json").read_text())
+    same = [same_power(found["power"][person], power) for person, power in key["power"].items()]
+    return found["hash"] == key["hash"] and all(same)

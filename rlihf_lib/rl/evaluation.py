@@ -16,8 +16,9 @@ import numpy as np
 from safetensors.torch import load_file
 from stable_baselines3 import SAC
 
+from rlihf_lib.files import check_sums
 from rlihf_lib.rl.rewards import PLACED, evaluation_reward
-from rlihf_lib.rl.runs import SACSettings
+from rlihf_lib.rl.runs import ACTOR, SACSettings
 from rlihf_lib.rl.sac import make_sac
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.moment import Moment
@@ -93,11 +94,13 @@ def policy_of(model: SAC) -> Act:
 
 
 def load_policy(folder: str | Path, env: PickPlaceEnv) -> Act:
-    """Return the deterministic policy of a run's folder; a FileNotFoundError if not finished."""
-    config, actor = Path(folder) / "config.json", Path(folder) / "actor.safetensors"
-    for path in (config, actor):
-        if not path.is_file():
-            raise FileNotFoundError(f"{path} is missing; train the run with notebook 03")
+    """Return the deterministic policy of a run's folder; a FileNotFoundError if not finished.
+
+    A ValueError names a file of it that has changed since.
+    """
+    config, actor = Path(folder) / "config.json", Path(folder) / ACTOR
+    if not (check_sums(folder) and actor.is_file()):
+        raise FileNotFoundError(f"{actor} is missing; train the run with notebook 03")
     settings = SACSettings(**json.loads(config.read_text(encoding="utf-8"))["sac"])
     model = make_sac(env, settings, seed=0)
     model.policy.actor.load_state_dict(load_file(actor))

@@ -6,12 +6,17 @@ p(error) replaced by the person's mean; "<person>-shuffled", p(error) permuted o
 that both classes answer alike.
 """
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 from scipy.special import expit, logit, ndtri
 
-from rlihf_lib.files import sha256
+from rlihf_lib.eeg.scores import accuracy, auroc, balanced_accuracy
+from rlihf_lib.files import sha256, write_csv, write_sums
 
+COLUMNS = ("subject", "epoch", "label", "p_error")
 IDEAL, MEAN, SHUFFLED = CONTROLS = ("ideal", "mean", "shuffled")
 
 
@@ -51,6 +56,89 @@ def synthetic_table(d_prime: float, prior: float, n: int = 200) -> pd.DataFrame:
     evidence = np.tile(ndtri((np.arange(n) + 0.5) / n), 2) + d_prime * (label - 0.5)
     p_error = expit(d_prime * evidence + logit(prior))
     return pd.DataFrame({"epoch": np.arange(2 * n), "label": label, "p_error": p_error})
+
+
+def answers_table(hits, misses, correct_rejections, false_alarms) -> pd.DataFrame:
+    """Return the p(error) table of a decoder that says yes or no, from how often it did which."""
+    counts = hits, misses, correct_rejections, false_alarms
+    label, said = (np.repeat(values, counts) for values in ([1, 1, 0, 0], [1.0, 0.0, 0.0, 1.0]))
+    return pd.DataFrame({"epoch": np.arange(len(label)), "label": label, "p_error": said})
+
+
+def read_table(path: Path, columns=COLUMNS) -> pd.DataFrame:
+    """Read a table of p(error), or of the scores of decoders, that has at least some columns.
+
+    A FileNotFoundError says if notebook 02 has not written it yet; a ValueError names a column that
+    is missing, or the line with a probability not in [0, 1], a label other than 0 and 1, an epoch
+    that a subject has twice, or a subject without epochs of both classes.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path} does not exist yet; run notebook 02_loso_decoder first (--only 02)"
+        )
+    try:
+        # Shortest-representation floats come back bit by bit only from the round-trip parser.
+        table = pd.read_csv(
+            path, dtype={"subject": str}, float_precision="round_trip", keep_default_na=False,
+            na_values={"p_error": ["", "nan", "NaN"]},
+        )  # fmt: skip
+    except ValueError as error:
+        raise ValueError(f"{path} is not a table of comma-separated values ({error})") from error
+    if not isinstance(table.index, pd.RangeIndex):
+        raise ValueError(f"{path} has lines with more values than there are columns")
+    if missing := [column for column in columns if column not in table.columns]:
+        raise ValueError(
+            f"{path} lacks the column(s) {', '.join(missing)}; write it anew with notebook 02"
+        )
+    if "p_error" not in columns:
+        return table
+    p_error = pd.to_numeric(table["p_error"], errors="coerce")
+    faults = {
+        "p_error is {p_error}, not in [0, 1]": ~p_error.between(0, 1),
+        "label is {label}, neither 0 (correct) nor 1 (error)": ~table["label"].isin([0, 1]),
+        "epoch {epoch} of {subject} is there twice": table.duplicated(["subject", "epoch"]),
+    }
+    for says, faulty in faults.items():
+        if faulty.any():
+            row = int(np.argmax(faulty))
+            says = says.format(**table.loc[row])
+            raise ValueError(f"{path}, line {row + 2}: {says}; write the table anew")
+    for subject, labels in table.groupby("subject")["label"]:
+        if labels.nunique() < 2:
+            raise ValueError(
+                f"{path}: subject {subject!r} needs epochs of both classes, labels 0 and 1"
+            )
+    return table
+
+
+def adopt_table(path: Path, folder: Path) -> None:
+    """Take over somebody else's table of p(error): p_error.csv and scores.csv of a study.
+
+    Errors as in `read_table`; a ValueError says, too, if a subject can't be part of a file's name.
+    """
+    table = read_table(path)[list(COLUMNS)]
+    ours = folder / "p_error.csv"
+    if ours.is_file() and (folder / "scores.csv").is_file() and read_table(ours).equals(table):
+        return
+    rows = []
+    for subject, part in table.groupby("subject", sort=False):
+        if not re.fullmatch(r"[A-Za-z0-9_]+", subject) or subject in CONTROLS:
+            raise ValueError(
+                f"{path}: subject {subject!r} can't name a run; use letters, digits and _, and "
+                f"none of {', '.join(CONTROLS)}"
+            )
+        p, label = part["p_error"].to_numpy(float), part["label"].to_numpy()
+        scores = {
+            "accuracy_online": accuracy(p, label),
+            "balanced_accuracy": balanced_accuracy(p, label, 0.5),
+            "auroc": float(auroc(p, label)),
+            "n_epochs": len(part),
+            "n_errors": int(label.sum()),
+        }
+        rows.append({"subject": subject, **scores})
+    write_csv(folder / "scores.csv", pd.DataFrame(rows))
+    write_csv(ours, table)
+    write_sums(folder, ["p_error.csv", "scores.csv"])
 
 
 def rows_of(p_error: pd.DataFrame | None, subject: str) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from rlihf_lib.files import canonical_json, sha256
+from rlihf_lib.files import SUMS, canonical_json, check_sums, sha256, sums
 from rlihf_lib.rl.given import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import REWARDS
@@ -20,6 +20,7 @@ CONDITIONS = ("sparse", "dense", "rlihf")
 # Raised by whoever changes task, observer, rewards or learner, or a default below, so that results
 # change: runs of an earlier protocol then count as missing.
 PROTOCOL = 6
+ACTOR = "actor.safetensors"  # of the first seed only where runs are shipped
 
 
 @dataclass(frozen=True)
@@ -155,13 +156,14 @@ def _changed(settings):
 
 
 def is_done(config: RunConfig, runs_dir: str | Path) -> bool:
-    """Tell whether the run's folder is there and was made from this very config."""
+    """Tell whether the run's folder is there and was made from this very config.
+
+    A ValueError names a file of it that has changed since (`files.check_sums`).
+    """
     folder = Path(runs_dir) / config.run_id
-    try:
-        recorded = json.loads((folder / "config.json").read_text(encoding="utf-8"))["hash"]
-    except (OSError, ValueError, KeyError):
+    if not check_sums(folder, may_lack=[ACTOR]):
         return False
-    return recorded == config.hash and (folder / "eval.csv").is_file()
+    return json.loads((folder / "config.json").read_text(encoding="utf-8"))["hash"] == config.hash
 
 
 def write_run(config: RunConfig, runs_dir: str | Path, files: Mapping[str, bytes]) -> Path:
@@ -171,7 +173,7 @@ def write_run(config: RunConfig, runs_dir: str | Path, files: Mapping[str, bytes
     shutil.rmtree(temporary, ignore_errors=True)
     try:
         temporary.mkdir(parents=True)
-        for name, content in files.items():
+        for name, content in {**files, SUMS: sums(files).encode()}.items():
             (temporary / name).write_bytes(content)
         # A folder cannot be renamed over another: the old one goes only once the new is complete.
         shutil.rmtree(target, ignore_errors=True)

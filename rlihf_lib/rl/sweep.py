@@ -11,7 +11,7 @@ from pathlib import Path
 
 import dask
 from dask.system import CPU_COUNT
-from distributed import Client, LocalCluster, as_completed, get_worker
+from distributed import Client, LocalCluster, Security, as_completed, get_worker
 
 from rlihf_lib.progress import Progress
 from rlihf_lib.rl.feedback import check_feedback, rows_of
@@ -26,6 +26,9 @@ QUIET = {
     "distributed.admin.system-monitor.interval": "10s",
     # A laptop that slept for five minutes has not lost its workers.
     "distributed.scheduler.worker-ttl": None,
+    # Nothing is served to browsers.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
 }
 # More than one thread per process is slower: the workers fill the cores.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
@@ -67,6 +70,9 @@ def run_sweep(
     -----
     A worker that dies takes only its run with it: Dask starts another, which trains the run from
     its beginning (three times at most). Files travel through Dask: workers need no common disk.
+    On this machine they know one another by keys made for the sweep. Whoever reaches the ports of a
+    cluster of your own runs code as you, unless it uses TLS, as Dask's manual explains
+    (https://distributed.dask.org/en/stable/tls.html).
     """
     runs_dir, configs = Path(runs_dir), list(dict.fromkeys(configs))
     check_feedback(configs, p_error)
@@ -132,6 +138,8 @@ def _client(n_workers) -> Iterator[Client]:
             yield client
         return
     settings = {
+        # Keys made for this cluster, in memory: other users of the machine reach its ports, too.
+        "security": Security.temporary(),
         "n_workers": n_workers,
         "threads_per_worker": 1,
         "dashboard_address": "127.0.0.1:0",  # its default port may be taken

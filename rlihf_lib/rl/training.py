@@ -19,7 +19,7 @@ from rlihf_lib.rl.evaluation import EVALUATION_SEEDS, evaluate, policy_of
 from rlihf_lib.rl.feedback import check_feedback, rows_of
 from rlihf_lib.rl.observer import OBSERVERS, Observer
 from rlihf_lib.rl.rewards import REWARDS, TrainingReward
-from rlihf_lib.rl.runs import RunConfig
+from rlihf_lib.rl.runs import ACTOR, RunConfig
 from rlihf_lib.rl.sac import FastSAC, make_sac
 from rlihf_lib.task.gym_env import PickPlaceEnv
 
@@ -151,7 +151,7 @@ def train_run(
         "eval.csv": pd.DataFrame(record.evaluations).to_csv(index=False, lineterminator="\n"),
     }
     files = {name: text.encode() for name, text in texts.items()}
-    return {**files, "actor.safetensors": save(record.actor)}
+    return {**files, ACTOR: save(record.actor)}
 
 
 def _provenance():

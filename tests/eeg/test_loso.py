@@ -263,6 +263,20 @@ def test_a_damaged_decoder_is_refused(finished, tmp_path):
         loso.load_decoder(tmp_path, "s03")
 
 
+def test_results_that_were_edited_are_named_and_not_believed(finished, dataset, tmp_path):
+    shutil.copytree(finished, tmp_path / "decoder")
+    edited = tmp_path / "decoder" / "folds" / "s03" / "p_error.csv"
+    edited.write_text(edited.read_text().replace("0.", "0.9", 1))
+    with pytest.raises(ValueError, match=r"s03/p_error.csv is not what was written"):
+        loso.run_loso(dataset, tmp_path / "decoder", SETTINGS, workers=1)
+    assert loso.run_loso(dataset, tmp_path / "decoder", SETTINGS, 1, recompute=True) is not None
+    assert contents(tmp_path / "decoder") == contents(finished)
+    weights = tmp_path / "decoder" / "weights" / "s02.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-1] + b"x")
+    with pytest.raises(ValueError, match=r"s02.safetensors is not what was written"):
+        loso.load_decoder(tmp_path / "decoder", "s03")
+
+
 def test_the_config_says_what_was_run(finished):
     config = json.loads((finished / "config.json").read_text())
     assert config["subjects"] == SUBJECTS

@@ -1,6 +1,7 @@
 """What determines a run, and its folder."""
 
 import json
+import subprocess
 
 import pandas as pd
 import pytest
@@ -73,3 +74,37 @@ def test_a_broken_table_is_named_with_its_line_or_column(tmp_path):
         read_run(run, tmp_path)
     with pytest.raises(ValueError, match=r"lacks the column\(s\) step"):
         read_run(run, tmp_path, columns=("step", "return"))
+
+
+@pytest.mark.parametrize("name", ["config.json", "eval.csv", "actor.safetensors"])
+def test_a_file_that_was_changed_is_named_and_nothing_of_the_run_is_read(name, tmp_path):
+    run = config()
+    folder = write_run(run, tmp_path, {**files(run, "1,1"), "actor.safetensors": b"weights"})
+    (folder / name).write_bytes(
+        (folder / name).read_bytes().replace(b"1", b"7").replace(b"w", b"v")
+    )
+    for read in (is_done, read_run):
+        with pytest.raises(ValueError, match=rf"{name} is not what was written .* restore it"):
+            read(run, tmp_path)
+
+
+def test_another_runs_evaluations_are_not_taken_for_this_ones(tmp_path):
+    first, second = config(), config(seed=2)
+    for run, rows in ((first, "1,1"), (second, "2,1")):
+        write_run(run, tmp_path, files(run, rows))
+    (tmp_path / first.run_id / "eval.csv").replace(tmp_path / second.run_id / "eval.csv")
+    with pytest.raises(ValueError, match=r"seed2/eval.csv is not what was written"):
+        is_done(second, tmp_path)
+    with pytest.raises(ValueError, match=r"seed1/eval.csv is gone"):
+        is_done(first, tmp_path)
+
+
+def test_actors_need_not_be_shipped_and_sums_are_those_of_sha256sum(tmp_path):
+    run = config()
+    folder = write_run(run, tmp_path, {**files(run, "1,1"), "actor.safetensors": b"weights"})
+    checked = subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=folder)
+    assert checked.returncode == 0
+    (folder / "actor.safetensors").unlink()
+    assert is_done(run, tmp_path)
+    (folder / "SHA256SUMS").unlink()
+    assert not is_done(run, tmp_path), "who wrote it is unknown"

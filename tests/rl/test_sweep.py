@@ -10,7 +10,9 @@ import threading
 import time
 
 import pandas as pd
+import psutil
 import pytest
+from distributed import Client, Security
 
 from rlihf_lib import progress
 from rlihf_lib.rl import sweep
@@ -202,6 +204,20 @@ def test_kill_9_in_the_middle_then_resume_equals_an_uninterrupted_sweep(fake):
     whole = folder / "whole" / "runs"
     run_sweep(configs(8), whole, train=train, workers=2)
     assert contents(runs) == contents(whole)
+
+
+def test_strangers_reach_neither_scheduler_nor_workers(fake):
+    with sweep._client(1) as client:
+        addresses = [client.scheduler.address, *client.scheduler_info()["workers"]]
+        assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
+        for address in addresses:
+            for other in (None, Security.temporary()):
+                scheme = "tls" if other else "tcp"
+                with pytest.raises((OSError, TimeoutError)):
+                    Client(address.replace("tls", scheme), security=other, timeout=3).close()
+        own = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        listening = [c.laddr.ip for p in own for c in p.net_connections() if c.status == "LISTEN"]
+        assert len(listening) >= 3 and set(listening) == {"127.0.0.1"}
 
 
 def test_a_scheduler_named_in_the_environment_is_used(fake, monkeypatch):

@@ -1,0 +1,92 @@
+"""The table of p(error), also somebody else's: what is read, refused, adopted."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.metrics import balanced_accuracy_score, roc_auc_score
+
+from rlihf_lib.rl.feedback import adopt_table, answers_table, read_table
+from rlihf_lib.study import Study
+
+HEADER = "subject,epoch,label,p_error,remark\n"
+
+
+def theirs(folder, n=40):
+    """A table of two people, with a column that nobody asked for."""
+    rng = np.random.default_rng(0)
+    label = np.arange(n) % 3 == 0
+    parts = [
+        pd.DataFrame({"subject": who, "epoch": np.arange(n), "label": label.astype(int),
+                      "p_error": np.clip(rng.normal(0.3 + gain * label, 0.2), 0, 1), "remark": ""})
+        for who, gain in (("NA", 0.1), ("007", 0.4))
+    ]  # fmt: skip
+    table = pd.concat(parts, ignore_index=True)
+    table.to_csv(folder / "lab.csv", index=False)
+    return table
+
+
+def test_somebody_elses_table_becomes_a_study_with_its_name_in_every_label(tmp_path):
+    table = theirs(tmp_path)
+    study = Study("quick", tmp_path / "lab.csv", tmp_path)
+    assert study.name == "quick-lab" and study.eeg_label == "p(error) of lab"
+    read = study.p_error()
+    pd.testing.assert_frame_equal(read, table[["subject", "epoch", "label", "p_error"]])
+    scores = study.scores().set_index("subject")
+    for who, rows in table.groupby("subject"):
+        assert scores.loc[who, "auroc"] == roc_auc_score(rows["label"], rows["p_error"])
+        balanced = balanced_accuracy_score(rows["label"], rows["p_error"] > 0.5)
+        assert scores.loc[who, "balanced_accuracy"] == pytest.approx(balanced)
+    assert study.ranked_subjects() == ["NA", "007"]
+    assert {c.subject for c in study.run_configs("rlihf")} == {"NA", "007"}
+
+
+def test_a_table_that_changes_changes_the_runs(tmp_path):
+    table = theirs(tmp_path)
+    study = Study("quick", tmp_path / "lab.csv", tmp_path)
+    before = {config.hash for config in study.run_configs("rlihf")}
+    assert before == {config.hash for config in study.run_configs("rlihf")}
+    table.assign(p_error=1 - table["p_error"]).to_csv(tmp_path / "lab.csv", index=False)
+    assert before.isdisjoint(config.hash for config in study.run_configs("rlihf"))
+    assert study.scores()["auroc"].max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEADER + "a,0,0,0.5,\na,1,1,1.5,\n", "line 3: p_error is 1.5, not in"),
+        (HEADER + "a,0,0,,\na,1,1,1,\n", "line 2: p_error is nan, not in"),
+        (HEADER + "a,0,0,high,\na,1,1,1,\n", "line 2: p_error is high, not in"),
+        (HEADER + "a,0,no,0.5,\na,1,1,1,\n", "line 2: label is no, neither 0"),
+        (HEADER + "a,0,0,0.5,\na,0,1,1,\n", "line 3: epoch 0 of a is there twice"),
+        (HEADER + "a,0,0,0.5,\na,1,0,1,\n", "subject 'a' needs epochs of both classes"),
+        (HEADER + "a/b,0,0,0.5,\na/b,1,1,1,\n", "subject 'a/b' can't name a run"),
+        (HEADER + "ideal,0,0,0.5,\nideal,1,1,1,\n", "subject 'ideal' can't name a run"),
+        ("subject,epoch\na,0\n", r"lacks the column\(s\) label, p_error"),
+        ("", "not a table of comma-separated values"),
+        (HEADER + "a,0,0,0.5,,,,\n" * 2, "lab.csv"),
+    ],
+)
+def test_what_no_decoder_can_have_said_is_refused_by_line(text, message, tmp_path):
+    (tmp_path / "lab.csv").write_text(text)
+    with pytest.raises(ValueError, match=message) as error:
+        adopt_table(tmp_path / "lab.csv", tmp_path / "ours")
+    assert "lab.csv" in str(error.value)
+    assert not (tmp_path / "ours").exists()
+
+
+def test_answers_counted_elsewhere_become_a_table():
+    table = answers_table(hits=3, misses=2, correct_rejections=4, false_alarms=1)
+    counts = table.groupby(["label", "p_error"]).size()
+    assert counts.to_dict() == {(0, 0.0): 4, (0, 1.0): 1, (1, 0.0): 2, (1, 1.0): 3}
+    assert table["epoch"].is_unique
+
+
+def test_a_table_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"there is no file .*none\.csv"):
+        Study("quick", tmp_path / "none.csv")
+    with pytest.raises(FileNotFoundError, match="run notebook 02"):
+        read_table(tmp_path / "none.csv")
+    theirs(tmp_path)
+    (tmp_path / "lab.csv").rename(tmp_path / "hri.csv")
+    with pytest.raises(ValueError, match="rename the file"):
+        Study("quick", tmp_path / "hri.csv")
