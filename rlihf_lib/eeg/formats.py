@@ -231,10 +231,10 @@ def _complete(instance, recording):
     """Check values and places of the electrodes; interpolate bad channels."""
     info, path = instance.info, recording.path
     instance.del_proj([i for i, proj in enumerate(info["projs"]) if not proj["active"]])
-    refuse_nan(instance.get_data(), instance.ch_names, info["sfreq"], path)
     set_positions(instance)
     refuse_unlocated(info, path)
-    kinds = zip(instance.ch_names, instance.get_channel_types(), strict=True)
-    eeg = [name for name, kind in kinds if kind == "eeg"]
-    info["bads"] = [name for name in info["bads"] if name in eeg]
+    kinds = dict(zip(instance.ch_names, instance.get_channel_types(), strict=True))
+    info["bads"] = [name for name in info["bads"] if kinds[name] == "eeg"]
+    good = [name for name in kinds if name not in info["bads"]]
+    refuse_nan(instance.get_data(picks=good), good, info["sfreq"], path)
     interpolate(instance, path)
