@@ -100,5 +100,5 @@ def require_classes(labels, events, path) -> None:
         if (n := int(np.sum(labels == label))) < MIN_EPOCHS:
             raise ValueError(
                 f"{path}: epochs left of the event {event!r}: {n}, of the other: {len(labels) - n}; "
-                f"{MIN_EPOCHS} of each are needed, so leave this person out"
+                f"{MIN_EPOCHS} of each are needed, leave this person out"
             )
