@@ -1,8 +1,13 @@
 """Write files so that a killed run or a full disk never leaves half a file behind."""
 
+import fcntl
 import hashlib
 import json
 import os
+import platform
+import shutil
+import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,6 +41,31 @@ def atomic_path(path) -> Iterator[Path]:
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def one_at_a_time(folder, *beside) -> Iterator[None]:
+    """Let one process at a time work in a folder, and in those beside it; the next one waits.
+
+    It says for whom. What a process that was killed left half written in the folders is removed.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    # The system lets go of the lock when its owner dies, however it does.
+    with open(folder / ".lock", "a+", encoding="utf-8") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.seek(0)
+            print(f"waiting for {lock.read()}, which works in {folder}", file=sys.stderr)
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        lock.truncate(0)
+        print(f"process {os.getpid()} on {platform.node()}, since {time.ctime()}", file=lock)
+        lock.flush()
+        for place in (folder, *map(Path, beside)):
+            for left in place.glob(".*.partial*"):
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+        yield
 
 
 def write_text(path, text) -> None:

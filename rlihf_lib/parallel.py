@@ -1,8 +1,10 @@
-"""Work spread over processes of this machine, which end at once when it is stopped."""
+"""Work spread over processes of this machine, which end at once when it is stopped or killed."""
 
+import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, connection, get_context, parent_process
 
 
 def in_processes(
@@ -17,7 +19,7 @@ def in_processes(
         return
     # Spawned, because a forked process inherits the locks of PyTorch's and MNE's threads.
     others = set(active_children())
-    with ProcessPoolExecutor(workers, get_context("spawn"), initializer) as executor:
+    with ProcessPoolExecutor(workers, get_context("spawn"), _begin, (initializer,)) as executor:
         try:
             futures = [executor.submit(run, *job) for job in jobs]
             for future in as_completed(futures):
@@ -26,3 +28,15 @@ def in_processes(
             for worker in set(active_children()) - others:
                 worker.terminate()
             raise
+
+
+def _begin(initializer):
+    """Begin a worker, which ends when its parent does, even if that is killed."""
+    threading.Thread(target=_end_with, args=[parent_process()], daemon=True).start()
+    if initializer:
+        initializer()
+
+
+def _end_with(parent):
+    connection.wait([parent.sentinel])
+    os._exit(1)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rlihf_lib import progress
-from rlihf_lib.files import write_text
+from rlihf_lib.files import one_at_a_time, write_text
 from rlihf_lib.study import REPOSITORY, Study
 
 NOTEBOOKS = REPOSITORY / "notebooks"
@@ -86,8 +86,9 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     ]
     for notebook, _, parameters in jobs:
         check_parameters(notebook, parameters)
-    for job in jobs:
-        execute(*job)
+    with one_at_a_time(study.results, study.notebooks, study.tables, study.figures):
+        for job in jobs:
+            execute(*job)
 
 
 def _parameters(study, step, workers, recompute):

@@ -1,6 +1,7 @@
 """What a study is: a profile (how much), an EEG source (whose brains) and a folder (where to)."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from rlihf_lib.rl.feedback import (
     read_table,
     with_controls,
 )
-from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done
+from rlihf_lib.rl.runs import ACTOR, RunConfig, SACSettings, is_done
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")
@@ -241,12 +242,14 @@ class Study:
     def _seconds_per_step(self):
         """Mean over the study's finished runs; a default before there are any."""
         seconds, steps = 0.0, 0
-        for path in self.runs.glob("*/provenance.json"):
-            wall = json.loads(path.read_text(encoding="utf-8")).get("wall_seconds")
-            config = path.with_name("config.json")
-            if wall and config.is_file():
-                seconds += wall
-                steps += json.loads(config.read_text(encoding="utf-8"))["total_steps"]
+        finished = partial(check_sums, may_lack=[ACTOR])
+        for folder in filter(finished, self.runs.glob("*/")):
+            provenance, config = (
+                json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+                for name in ("provenance", "config")
+            )
+            seconds += provenance["wall_seconds"]
+            steps += config["total_steps"]
         return seconds / steps if steps else SECONDS_PER_STEP
 
 

@@ -13,6 +13,7 @@ import pytest
 from rlihf_lib import regenerate
 from rlihf_lib.__main__ import main
 from rlihf_lib.regenerate import NotebookError, check_parameters, execute, select
+from rlihf_lib.rl.runs import write_run
 from rlihf_lib.study import Study
 
 
@@ -148,13 +149,9 @@ def test_list_counts_runs_and_says_how_long_the_rest_takes(tmp_path, capsys):
 def test_list_counts_runs_that_are_done(tmp_path):
     study = Study("smoke", out=tmp_path)
     (config,) = study.run_configs("dense")
-    folder = study.runs / config.run_id
-    folder.mkdir(parents=True)
-    (folder / "eval.csv").touch()
-    (folder / "config.json").write_text(
-        json.dumps({"hash": config.hash, "total_steps": config.total_steps})
-    )
-    (folder / "provenance.json").write_text('{"wall_seconds": 30.0}')
+    recorded = json.dumps({"hash": config.hash, "total_steps": config.total_steps})
+    files = {"eval.csv": "", "config.json": recorded, "provenance.json": '{"wall_seconds": 30.0}'}
+    write_run(config, study.runs, {name: text.encode() for name, text in files.items()})
     rows = study.status(workers=1).set_index("stage")
     assert rows.loc["03_policy_training dense", ["done", "missing"]].tolist() == [1, 0]
     assert rows.loc["03_policy_training sparse", "seconds"] == pytest.approx(30.0)

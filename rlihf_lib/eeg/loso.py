@@ -22,6 +22,7 @@ from rlihf_lib.files import (
     SUMS,
     canonical_json,
     check_sums,
+    one_at_a_time,
     sha256,
     write_csv,
     write_sums,
@@ -77,7 +78,13 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
         networks of this fold that did not train on it, p(error) > 0.5), accuracy_online (the
         held-out subject, replayed through the ring buffer), what `scores.score` adds, and more.
     """
-    folder, subjects = Path(folder), list(cohort)
+    folder = Path(folder)
+    with one_at_a_time(folder, folder / "weights", *folder.glob("folds/*")):
+        return _run_folds(cohort, folder, settings, workers, recompute)
+
+
+def _run_folds(cohort, folder, settings, workers, recompute):
+    subjects = list(cohort)
     folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
     data, identities, input_format = _conditioned(cohort, settings)
     counts = {subject: len(labels) for subject, (_, labels, _) in data.items()}

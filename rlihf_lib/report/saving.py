@@ -61,9 +61,20 @@ def _require_printable(fig, name):
 
 
 def manifest(figures: Path) -> dict:
-    """Read what a folder's figures were drawn from: name -> notebook, sources with their hashes."""
+    """Read what a folder's figures were drawn from: name -> notebook, sources with their hashes.
+
+    A ValueError says if the file is damaged.
+    """
     path = figures / "manifest.json"
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        if not all(entry.keys() == {"notebook", "sources"} for entry in entries.values()):
+            raise ValueError("a figure without notebook and sources")
+    except (ValueError, AttributeError) as error:
+        raise ValueError(
+            f"{path} is damaged ({error}); delete it, each figure that is drawn enters itself anew"
+        ) from error
+    return entries
 
 
 def enter(study, name: str, notebook: str, hashes: dict) -> None:

@@ -13,6 +13,7 @@ import dask
 from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster, Security, as_completed, get_worker
 
+from rlihf_lib.files import one_at_a_time
 from rlihf_lib.progress import Progress
 from rlihf_lib.rl.feedback import check_feedback, rows_of
 from rlihf_lib.rl.runs import is_done, write_run
@@ -76,14 +77,21 @@ def run_sweep(
     """
     runs_dir, configs = Path(runs_dir), list(dict.fromkeys(configs))
     check_feedback(configs, p_error)
-    missing = [config for config in configs if recompute or not is_done(config, runs_dir)]
+    if not recompute and all(is_done(config, runs_dir) for config in configs):
+        return 0
+    with one_at_a_time(runs_dir):
+        # Another command may have trained some meanwhile.
+        missing = [config for config in configs if recompute or not is_done(config, runs_dir)]
+        return _train_all(missing, len(configs), runs_dir, p_error, workers, train)
+
+
+def _train_all(missing, n_runs, runs_dir, p_error, workers, train):
+    """Train the missing ones of so many runs; return how many."""
     if not missing:
         return 0
-    # A folder that cannot be written to should be known before hours of training.
-    runs_dir.mkdir(parents=True, exist_ok=True)
     with (
         _client(min(workers or CPU_COUNT, len(missing))) as client,
-        Progress(len(configs), len(configs) - len(missing), "runs") as progress,
+        Progress(n_runs, n_runs - len(missing), "runs") as progress,
     ):
         client.subscribe_topic(TOPIC, lambda event: progress.advance(*event[1]))
         futures = {}

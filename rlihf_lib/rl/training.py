@@ -50,6 +50,9 @@ class _Record(BaseCallback):
             self.episode_return = 0.0
         step, config = self.num_timesteps, self.config
         if step % LOG_EVERY == 0 or step == config.total_steps:
+            networks = [*self.model.actor.parameters(), *self.model.critic.parameters()]
+            if not all(torch.isfinite(values).all() for values in networks):
+                raise self.divergence()
             self._sum_up()
         if step % config.eval_every == 0:
             self._evaluate()
@@ -57,6 +60,13 @@ class _Record(BaseCallback):
             last = self.evaluations[-config.eval_rollouts :]
             self.progress(step, np.mean([row["success"] for row in last]))
         return True
+
+    def divergence(self):
+        """What to raise when values have become NaN or infinite."""
+        return FloatingPointError(
+            f"{self.config.run_id} has diverged: actions or networks are NaN or infinite after "
+            f"{self.num_timesteps} steps, with {self.config.sac}"
+        )
 
     def _sum_up(self):
         window = {"step": self.num_timesteps, "episodes": len(self.episodes)}
@@ -123,6 +133,8 @@ def train_run(
     ValueError
         If the subject has no rows in `p_error`, not both classes, or other rows than the config
         names by hash.
+    FloatingPointError
+        If actions, actor or critics become NaN or infinite.
     """
     started = time.perf_counter()
     torch.set_num_threads(1)
@@ -137,7 +149,10 @@ def train_run(
     env.reset(seed=int(placement % EVALUATION_SEEDS))
     model = make_sac(env, config.sac, int(learning), LOG_EVERY)
     record = _Record(config, env.observer, progress)
-    model.learn(config.total_steps, callback=record)
+    try:
+        model.learn(config.total_steps, callback=record)
+    except np.linalg.LinAlgError as error:  # what an action of NaN does to the arm
+        raise record.divergence() from error
     provenance = {
         **_provenance(),
         "wall_seconds": round(time.perf_counter() - started, 1),

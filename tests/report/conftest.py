@@ -11,7 +11,7 @@ import pytest
 from rlihf_lib.report.evaluations import add_phase, group_of
 from rlihf_lib.report.style import use_style
 from rlihf_lib.rl.feedback import person_and_control
-from rlihf_lib.rl.runs import RunConfig, SACSettings
+from rlihf_lib.rl.runs import RunConfig, SACSettings, write_run
 from rlihf_lib.study import Study
 
 matplotlib.use("agg")
@@ -42,7 +42,9 @@ def study(tmp_path):
     scores = pd.DataFrame({"subject": ["s02", "s03", "s04"], "auroc": [0.9, 0.7, 0.8]})
     scores = scores.assign(accuracy_online=0.8, balanced_accuracy=0.75)
     scores.to_csv(study.decoder / "scores.csv", index=False)
-    table = pd.DataFrame({"subject": ["s02", "s03", "s04"], "epoch": 0, "label": 1, "p_error": 0.6})
+    people = [who for who in scores["subject"] for _ in range(2)]
+    table = pd.DataFrame({"subject": people, "epoch": [0, 1] * 3, "label": [1, 0] * 3})
+    table["p_error"] = 0.6
     table.to_csv(study.decoder / "p_error.csv", index=False)
     for stage in ("sparse", "dense", "ablation"):
         for config in study.run_configs(stage):
@@ -56,10 +58,9 @@ def study(tmp_path):
                 for step in STEPS
                 for rollout in (0, 1)
             ]  # fmt: skip
-            folder = study.runs / config.run_id
-            folder.mkdir(parents=True)
-            pd.DataFrame(rows).to_csv(folder / "eval.csv", index=False)
-            (folder / "config.json").write_text(json.dumps({"hash": config.hash}))
+            recorded = json.dumps({"hash": config.hash}).encode()
+            table = pd.DataFrame(rows).to_csv(index=False).encode()
+            write_run(config, study.runs, {"eval.csv": table, "config.json": recorded})
     return study
 
 

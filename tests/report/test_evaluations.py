@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rlihf_lib.files import write_sums
 from rlihf_lib.report.evaluations import (
     add_phase,
     described,
@@ -71,6 +72,7 @@ def test_a_missing_or_foreign_run_is_named(study):
     (config,) = study.run_configs("dense")
     folder = study.runs / config.run_id
     (folder / "config.json").write_text(json.dumps({"hash": "another"}))
+    write_sums(folder, ["config.json", "eval.csv"])
     with pytest.raises(FileNotFoundError, match=r"dense-seed0 is missing .* another config"):
         load_runs(study)
 
@@ -80,7 +82,15 @@ def test_a_run_with_an_empty_number_is_named_with_its_line(study):
     frame = pd.read_csv(path)
     frame.loc[3, "return"] = np.nan
     frame.to_csv(path, index=False)
+    write_sums(path.parent, ["config.json", "eval.csv"])
     with pytest.raises(ValueError, match=r"sparse-seed0/eval.csv, line 5"):
+        load_runs(study)
+
+
+def test_a_run_that_was_edited_is_never_drawn(study):
+    path = study.runs / "sparse-seed0" / "eval.csv"
+    path.write_text(path.read_text().replace("10.0", "100.0", 1))
+    with pytest.raises(ValueError, match=r"sparse-seed0/eval.csv is not what was written"):
         load_runs(study)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from rlihf_lib.report import figures_policy
 from rlihf_lib.report.evaluations import load_runs
-from rlihf_lib.report.saving import save_figure, save_table, typeset
+from rlihf_lib.report.saving import manifest, save_figure, save_table, typeset
 
 PAGE = r"""\documentclass[twocolumn]{article}\usepackage{booktabs,graphicx}\begin{document}
 %s
@@ -85,3 +85,10 @@ def test_latex_compiles_and_is_not_wider_than_the_page(tmp_path):
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "page.tex"]
     done = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True)
     assert done.returncode == 0 and "Overfull" not in done.stdout, done.stdout[-500:]
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"fig": {}}', '{"fig": 1}', '{"fig": {"note'])
+def test_a_damaged_manifest_is_named_with_a_remedy(text, tmp_path):
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(ValueError, match=r"manifest.json is damaged .*; delete it"):
+        manifest(tmp_path)

@@ -49,7 +49,7 @@ def test_loaded_policy_repeats_the_last_evaluation(folder):
 
 
 def test_missing_run_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"config\.json is missing; train"):
+    with pytest.raises(FileNotFoundError, match=r"actor\.safetensors is missing; train"):
         load_policy(tmp_path, PickPlaceEnv(HORIZON))
 
 

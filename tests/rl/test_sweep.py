@@ -80,11 +80,11 @@ def trained(folder):
 
 
 def contents(runs_dir):
-    """Hash of every file of every run; hidden leftovers would show up too."""
+    """Hash of every file of every run; hidden leftovers would show up, too, but for the lock."""
     return {
         str(path.relative_to(runs_dir)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(runs_dir.rglob("*"))
-        if path.is_file()
+        if path.is_file() and path.name != ".lock"
     }
 
 

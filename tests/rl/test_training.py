@@ -52,6 +52,13 @@ def test_run_folder_says_what_was_run_and_how_it_went(tmp_path):
     assert json.loads((folder / "provenance.json").read_text())["packages"]["mujoco"]
 
 
+def test_a_run_that_diverges_is_named_with_its_settings(tmp_path):
+    hot = config(sac=SACSettings(learning_starts=200, batch_size=64, learning_rate=1e30))
+    message = r"learning_rate1e\+30-.*seed1 has diverged: .* after \d+ steps, with SACSettings"
+    with pytest.raises(FloatingPointError, match=message):
+        train_run(hot, TABLE)
+
+
 def test_unknown_subject_is_named_with_those_that_are_there():
     with pytest.raises(ValueError, match=r"'s99'.*there: s02"):
         train_run(config(subject="s99"), TABLE)
