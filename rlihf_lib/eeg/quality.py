@@ -99,6 +99,6 @@ def require_classes(labels, events, path) -> None:
     for label, event in enumerate(events):
         if (n := int(np.sum(labels == label))) < MIN_EPOCHS:
             raise ValueError(
-                f"{path}: epochs left of the event {event!r}: {n}, of the other: {len(labels) - n}; "
-                f"{MIN_EPOCHS} of each are needed, leave this person out"
+                f"{path}: epochs left of the event {event!r}: {n}, of the other: "
+                f"{len(labels) - n}; {MIN_EPOCHS} of each are needed, so leave this person out"
             )
