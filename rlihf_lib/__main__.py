@@ -7,7 +7,7 @@ import sys
 from datetime import timedelta
 
 from rlihf_lib.regenerate import NOTEBOOKS, NotebookError, regenerate, select
-from rlihf_lib.study import EVENTS, PROFILES, Study
+from rlihf_lib.study import EEG_SOURCES, EVENTS, PROFILES, Study
 
 MOST_WORKERS = 1_000
 SECONDS_OF_DRAWING = 150  # on two cores
@@ -25,13 +25,14 @@ def parser() -> argparse.ArgumentParser:
     add = result.add_argument
     add("--profile", choices=PROFILES, default="quick", help="size (default quick)")
     add("--eeg", default="simulated", metavar="simulated|hri|PATH", help="recordings: simulated "
-        "(default), the paper's (downloads), or your folder of epochs")  # fmt: skip
+        "(default), the paper's (downloads), or your folder of sub-XX files: MNE epochs, FIF, "
+        "EEGLAB, BrainVision, EDF, BDF, GDF, flat or BIDS; --list says what is found")  # fmt: skip
     add("--p-error", default="", metavar="FILE.csv", help="instead of recordings, what another "
         "decoder says: subject, epoch, label, p_error")  # fmt: skip
     add("--events", nargs=2, default=EVENTS, metavar=("OK", "ERR"),
-        help="names of the two events in your folder of epochs")  # fmt: skip
+        help="names of the two events in your folder")  # fmt: skip
     add("--drop-channels", nargs="+", default=(), metavar="CH",
-        help="channels of your folder of epochs that are no EEG")  # fmt: skip
+        help="channels of your folder to leave out")  # fmt: skip
     add("--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05")
     add("--workers", type=_worker_count, default=0, metavar="N",
         help="processes (default: the cores)")  # fmt: skip
@@ -72,7 +73,7 @@ def main(argv=None) -> int:
     try:
         study = _study(options)
         steps = select([name for item in options.only for name in item.split(",")], study)
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         command.error(str(error))
     try:
         if options.list:
@@ -113,6 +114,10 @@ def _print_status(study, workers):
     print(table.drop(columns="seconds").assign(rest=rest).to_string(index=False))
     total = table["seconds"].sum() + SECONDS_OF_DRAWING
     print(f"everything takes about {timedelta(seconds=round(total))}, drawing included")
+    if study.eeg not in EEG_SOURCES and not study.is_table:
+        from rlihf_lib.eeg.overview import describe  # imports MNE, so only when needed
+
+        print(describe(study.eeg, study.drop_channels))
 
 
 if __name__ == "__main__":

@@ -41,12 +41,12 @@ class Study:
     profile : {"smoke", "class", "quick", "paper", "pilots"}
         How much is computed.
     eeg : str or Path
-        "simulated", "hri" (the paper's recordings), a folder of `sub-XX[_ses-YY]_epo.fif`, or what
+        "simulated", "hri" (the paper's recordings), a folder of one's own (`eeg.folders`), or what
         somebody else's decoder says: a table of p(error), FILE.csv (`rl.feedback.read_table`).
     out : str or Path
         Where `results/` and `figures/` go; empty for the repository.
     events, drop_channels : sequence of str
-        Of a folder of epochs the names of the correct and the error event, and channels left out.
+        Of a folder the names of the correct and the error event, and channels left out.
     ship : bool
         Whether figures and tables of the repository are replaced; else a reader's go to the folder
         `yours` beside the runs, which git ignores.
@@ -54,8 +54,8 @@ class Study:
     Raises
     ------
     ValueError
-        If profile or `eeg` are unknown, `events` are not two names, or events or channels to drop
-        are named for a built-in source.
+        If profile or `eeg` are unknown, a folder holds no recordings (`eeg.folders.find`), `events`
+        are not two names, or events or channels to drop are named for a built-in source.
     """
 
     def __init__(
@@ -254,19 +254,26 @@ class Study:
 
 
 def _folder(eeg):
-    """Full path and name of a folder of epochs."""
+    """Full path and name of a folder of one's own EEG."""
+    from rlihf_lib.eeg.folders import WANTED, find  # built-in sources don't need it
+
     folder = Path(eeg).expanduser()
-    if not folder.is_dir():
+    if not eeg.strip() or not folder.is_dir():
         raise ValueError(
             f"eeg is {eeg!r}, neither {' nor '.join(EEG_SOURCES)} nor a folder; "
-            "give one of these or a folder of sub-XX[_ses-YY]_epo.fif files"
+            f"give one of these or a folder of {WANTED}"
         )
     folder = folder.resolve()
+    if not folder.name:
+        raise ValueError(
+            f"the EEG folder {folder} has no name for its results; give a folder in it"
+        )
     if folder.name in EEG_SOURCES:
         raise ValueError(
             f"the EEG folder {folder} is named like a built-in source, so their results would mix; "
             "rename the folder"
         )
+    find(folder)  # says what is wrong with its files
     return str(folder), folder.name
 
 

@@ -115,6 +115,7 @@ def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(tmp_pa
         regenerate, "execute", lambda path, _, parameters: given.update({path.stem: parameters})
     )
     (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "sub-01_epo.fif").write_bytes(b"")
     where = ["--eeg", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
     options = ["--events", "hit", "miss", "--drop-channels", "label", "STI 014"]
     assert main([*where, *options, "--only", "01", "02", "04"]) == 0

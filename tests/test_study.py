@@ -5,6 +5,7 @@ import subprocess
 import pandas as pd
 import pytest
 
+from rlihf_lib.__main__ import main
 from rlihf_lib.rl.feedback import p_error_sha256
 from rlihf_lib.study import PROFILES, REPOSITORY, STAGES, Study
 
@@ -20,19 +21,33 @@ def write_decoder(study, aurocs):
     pd.DataFrame(rows, columns=columns).to_csv(study.decoder / "p_error.csv", index=False)
 
 
+def of_epochs(folder):
+    folder.mkdir()
+    (folder / "sub-01_epo.fif").write_bytes(b"")
+    return folder
+
+
 def test_unknown_profiles_and_sources_are_named_with_the_choices(tmp_path):
     with pytest.raises(ValueError, match="'tiny'; choose one of smoke, class, quick, paper"):
         Study("tiny")
     with pytest.raises(ValueError, match="neither simulated nor hri nor a folder"):
         Study("smoke", tmp_path / "nothing")
-    (tmp_path / "hri").mkdir()
     with pytest.raises(ValueError, match="rename the folder"):
-        Study("smoke", tmp_path / "hri")
+        Study("smoke", of_epochs(tmp_path / "hri"))
+
+
+@pytest.mark.parametrize("eeg", ["", " ", "/", "/nowhere", "."])
+def test_what_is_no_folder_of_recordings_is_refused_at_once(eeg, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=r"nor a folder|has no name|no recording that can be used"):
+        Study("smoke", eeg)
+    with pytest.raises(SystemExit) as left:
+        main(["--eeg", eeg, "--list"])
+    assert left.value.code == 2 and "error: " in capsys.readouterr().err
 
 
 def test_channels_can_be_dropped_from_a_folder_only(tmp_path):
-    (tmp_path / "mine").mkdir()
-    study = Study("smoke", tmp_path / "mine", drop_channels=["Status", "EOG2"])
+    study = Study("smoke", of_epochs(tmp_path / "mine"), drop_channels=["Status", "EOG2"])
     assert study.drop_channels == ("Status", "EOG2") and study.name == "smoke-mine"
     for source in ("simulated", "hri"):
         with pytest.raises(ValueError, match=f"from a folder only, not from {source}"):
@@ -40,8 +55,7 @@ def test_channels_can_be_dropped_from_a_folder_only(tmp_path):
 
 
 def test_folders_follow_profile_and_source(tmp_path):
-    (tmp_path / "mydata").mkdir()
-    study = Study("quick", tmp_path / "mydata", tmp_path)
+    study = Study("quick", of_epochs(tmp_path / "mydata"), tmp_path)
     assert study.name == "quick-mydata"
     assert study.runs == tmp_path / "results" / "quick-mydata" / "runs"
     assert not study.results.exists(), "nothing is created before it is written to"

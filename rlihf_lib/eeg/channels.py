@@ -1,5 +1,7 @@
 """Channels that may be decoded: they are there, lie on the scalp, and don't know the answer."""
 
+from functools import cache
+
 import mne
 import numpy as np
 import pandas as pd
@@ -32,14 +34,8 @@ def set_positions(instance) -> None:
     own = {name: channel["loc"][:3].copy() for name, channel in eeg.items() if _is_located(channel)}
     if len(own) == len(eeg):
         return
-    head = [
-        mne.channels.transform_to_head(mne.channels.make_standard_montage(name)).get_positions()
-        for name in ("standard_1020", "standard_1005")
-    ]
-    # The 10-20 system has O9 and O10 beside those of the 10-05; what both have is equal.
-    named = {n.lower(): place for system in head for n, place in system.pop("ch_pos").items()}
+    named, landmarks = _standard_positions()
     found = {name: named[name.lower()] for name in eeg if name.lower() in named}
-    landmarks = {name: head[1][name] for name in ("nasion", "lpa", "rpa", "coord_frame")}
     # One montage for all: a second one would take from the others what they have.
     montage = mne.channels.make_dig_montage(found | own, **landmarks)
     instance.set_montage(montage, on_missing="ignore", verbose="error")
@@ -47,13 +43,17 @@ def set_positions(instance) -> None:
 
 def refuse_unlocated(info, path) -> None:
     """Refuse EEG channels that have no place on the scalp: triggers, labels, sensors."""
-    kinds = zip(info.get_channel_types(), info["chs"], strict=True)
-    lost = [c["ch_name"] for kind, c in kinds if kind == "eeg" and not _is_located(c)]
-    if lost:
+    if lost := unlocated(info):
         raise ValueError(
             f"{path}: EEG channel {', '.join(lost)} has no position, neither in the file nor by a "
             f"name of the 10-05 system; {_REMEDY.format(names=' '.join(lost))}"
         )
+
+
+def unlocated(info) -> list[str]:
+    """Names of EEG channels that have no place on the scalp."""
+    kinds = zip(info.get_channel_types(), info["chs"], strict=True)
+    return [c["ch_name"] for kind, c in kinds if kind == "eeg" and not _is_located(c)]
 
 
 def channel_auroc(signals, labels) -> np.ndarray:
@@ -95,6 +95,18 @@ def single_channels(cohort, source) -> pd.Series:
             aurocs.append(channel_auroc(epochs.signals[:, order], epochs.labels))
     best = refuse_leaks(aurocs, channels, source)
     return pd.Series(best, channels, name="AUROC").sort_values(ascending=False)
+
+
+@cache
+def _standard_positions():
+    """Place of each electrode, by its name in small letters, and of the landmarks."""
+    head = [
+        mne.channels.transform_to_head(mne.channels.make_standard_montage(name)).get_positions()
+        for name in ("standard_1020", "standard_1005")
+    ]
+    # The 10-20 system has O9 and O10 beside those of the 10-05; what both have is equal.
+    named = {n.lower(): place for system in head for n, place in system["ch_pos"].items()}
+    return named, {name: head[1][name] for name in ("nasion", "lpa", "rpa", "coord_frame")}
 
 
 def _is_located(channel):

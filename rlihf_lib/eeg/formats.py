@@ -1,97 +1,133 @@
-"""Continuous EEGLAB recordings; folders of one's own epochs, ``sub-XX[_ses-YY]_epo.fif`` of MNE."""
+"""Files of one's own EEG, read by MNE whatever their format: what they hold, events, signals."""
 
-import re
-from pathlib import Path
+from collections.abc import Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
 
 import mne
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.eeg.channels import refuse_unlocated, require_channels, set_positions
+from rlihf_lib.eeg.channels import refuse_unlocated, set_positions
+from rlihf_lib.eeg.eeglab import require_whole
+from rlihf_lib.eeg.quality import interpolate, refuse_nan
 
 #: Of the channels that are read from a folder; EOG is decoded only to see what the eyes tell.
 TYPES = ("eeg", "eog")
 EVENT_ID = {"correct": 1, "error": 2}
-_FILE = re.compile(r"sub-([^_]+)(?:_ses-([^_]+))?_epo\.fif")
+MIN_SFREQ = 50.0  # Hz; error potentials need a fifth of it
+#: MNE's type of each in channels.tsv of BIDS; all others are "misc".
+_OF_BIDS = {"EEG": "eeg", "EOG": "eog", "VEOG": "eog", "HEOG": "eog", "ECG": "ecg", "EMG": "emg",
+            "TRIG": "stim"}  # fmt: skip
+_CUTS = ("bad", "edge", "boundary", "new segment")  # annotations that are no events
 
 
-def read_eeglab(path) -> mne.io.RawArray:
-    """Read a continuous EEGLAB recording strictly, its data in the `.set` or a `.fdt` beside it.
+@dataclass(frozen=True)
+class Header:
+    """What a file says about itself."""
 
-    Channels are typed (names with EOG are ``eog``, all others ``eeg``) and have the 10-05 positions
-    of their names; repeated EOG labels are numbered. Events are annotations, without those past
-    the end of the data, of which MNE warns. Integers and digits, ``4``, are taken as the
-    BrainVision marker they stand for, ``S  4``. A FileNotFoundError says if a file is missing, a
-    ValueError if one is truncated, not EEGLAB's, epoched, holds NaN, or repeats an EEG channel.
+    sfreq: float  # Hz
+    types: Mapping[str, str]  # of the channels, by name
+    band: tuple[float, float]  # Hz, of the filters it went through
+    bads: tuple
+    unapplied: tuple  # names of projectors that are there but not applied
+    n_epochs: int | None  # None of a continuous recording
+    n_times: int  # of an epoch, or of all
+
+
+def header(recording) -> Header:
+    """Header of a file; a ValueError says if it has no EEG channel or is sampled too slowly."""
+    stamps = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in recording.files)
+    return _header(recording, stamps)
+
+
+def open_recording(recording) -> mne.io.BaseRaw | mne.BaseEpochs:
+    """Open a file, with types and bad channels of its channels.tsv; signals are read later.
+
+    Projectors are not applied. A FileNotFoundError says if a part is missing, a ValueError if it
+    cannot be read.
     """
-    path = Path(path)
-    try:
-        recorded = mne.io.read_raw_eeglab(path, verbose="warning")
-    except FileNotFoundError:
-        raise
-    except Exception as problem:
-        raise ValueError(
-            f"{path} is not a readable continuous EEGLAB recording ({problem}); if it is truncated "
-            "copy it anew, if it is epoched or in MATLAB v7.3 form save it in EEGLAB as continuous "
-            "data with the option 'Save files in v6 format' (File > Preferences)"
-        ) from problem
-    names = _channel_names(recorded.ch_names, path)
-    file, expected = Path(recorded.filenames[0]), len(names) * recorded.n_times * 4
-    if file.suffix == ".fdt" and (size := file.stat().st_size) != expected:
-        raise ValueError(
-            f"{file} has {size} bytes, expected {expected} ({len(names)} channels x "
-            f"{recorded.n_times} samples x 4 bytes); it is truncated or belongs to "
-            "another .set, copy it anew"
-        )
-    data, sfreq = recorded.get_data(), recorded.info["sfreq"]
-    if len(bad := np.argwhere(~np.isfinite(data))):
-        channel, sample = bad[0]
-        raise ValueError(
-            f"{path}: {len(bad)} samples are NaN or infinite, the first in channel "
-            f"{names[channel]} at {sample / sfreq:.3f} s; interpolate or cut them in EEGLAB"
-        )
-    types = ["eog" if "EOG" in name.upper() else "eeg" for name in names]
-    raw = mne.io.RawArray(data, mne.create_info(names, sfreq, types), verbose="error")
-    set_positions(raw)
-    events = recorded.annotations
-    raw.set_annotations(mne.Annotations(events.onset, 0, list(map(_marker, events.description))))
-    return raw
+    with _reading(recording):
+        instance = _open(recording.path, recording.format, recording.has_epochs)
+    if ".fif" not in recording.format:
+        _set_types(instance, {n: "eog" for n in instance.ch_names if "EOG" in n.upper()})
+    if table := recording.table("channels"):
+        said = _read_table(table, ["name", "type"]).drop_duplicates("name").set_index("name")
+        said = said.reindex(instance.ch_names)
+        _set_types(instance, said["type"].dropna().map(lambda t: _OF_BIDS.get(t.upper(), "misc")))
+        if "status" in said:
+            bads = said.index[said["status"] == "bad"]
+            instance.info["bads"] = list(dict.fromkeys([*instance.info["bads"], *bads]))
+    return instance
 
 
-def folder_subjects(folder) -> list[str]:
-    """Subjects of a folder of epochs, the XX of its files, sorted."""
-    return sorted({subject for subject, _, _ in _files(folder)})
+def read_epochs(recording, channels) -> mne.BaseEpochs:
+    """Epochs of a file on `channels`, in that order."""
+    epochs = open_recording(recording)
+    with _reading(recording), mne.use_log_level("error"):
+        epochs.load_data().reorder_channels(channels)
+    _complete(epochs, recording)
+    return epochs
 
 
-def read_folder_epochs(folder, subject, events=("correct", "error"), drop=()) -> mne.EpochsArray:
-    """Epochs of one subject of a folder, its sessions joined in the order of their names.
+def read_raw(recording, channels) -> tuple[mne.io.RawArray, pd.DataFrame]:
+    """Signal of a continuous recording on `channels`, and its `named_events`.
 
-    `events` are the names of correct and error in the files, of which epochs of other events and
-    the channels to drop are left out. EEG and EOG channels are in the order of the first session;
-    the metadata hold subject, session, epoch and label. A FileNotFoundError says if there is no
-    such folder; a ValueError if the subject is unknown, sessions differ in sampling rate, window or
-    channels, a value is NaN, the subject has no epoch of one class, no file has a channel of a name
-    to drop, or an EEG channel has no position.
+    Annotated in the signal are the stretches that must not be used.
     """
-    check_subject(subject, folder_subjects(folder), folder)
-    paths = {session: path for name, session, path in _files(folder) if name == subject}
-    sessions = [_read_session(*file, events, drop) for file in paths.items()]
-    first = sessions[0]
-    data = [_values(*pair, first) for pair in zip(sessions, paths.values(), strict=True)]
-    table = pd.concat([epochs.metadata for epochs in sessions], ignore_index=True)
-    for label, event in enumerate(events):
-        if not (table["label"] == label).any():
-            files = [_read(mne.read_epochs, path) for path in paths.values()]
-            found = {name for epochs in files for name in epochs.event_id}
-            raise ValueError(
-                f"{folder}: subject {subject} has no epoch of the event {event!r} (its events: "
-                f"{', '.join(sorted(found)) or 'none'}); name the two with --events OK ERR"
-            )
-    table.insert(0, "subject", subject)
-    table.insert(2, "epoch", np.arange(len(table)))
-    set_positions(first)
-    refuse_unlocated(first.info, next(iter(paths.values())))
-    return labelled_epochs(np.concatenate(data), first.info, first.tmin, table)
+    opened = open_recording(recording)
+    events = named_events(opened, recording)
+    told = opened.annotations
+    cut = [name.lower().startswith(_CUTS) for name in told.description]
+    onset, duration = told.onset[cut] - opened.first_time, told.duration[cut]
+    with _reading(recording):
+        opened.pick(channels).load_data(verbose="error").reorder_channels(channels)
+    info = opened.info
+    for channel in info["chs"]:  # signals are in volts now; recordings of several gains are joined
+        channel.update(cal=1.0, range=1.0)
+    raw = mne.io.RawArray(opened.get_data(), info, verbose="error")
+    # A cut has no length but the sample it lies at.
+    raw.set_annotations(mne.Annotations(onset, np.maximum(duration, 1 / info["sfreq"]), "BAD"))
+    _complete(raw, recording)
+    return raw, events
+
+
+def named_events(raw, recording) -> pd.DataFrame:
+    """Events of a continuous recording: onset, s from its first sample, and name.
+
+    Of its events.tsv (trial_type, else value), or else annotations and a trigger channel, whose
+    values are the names.
+    """
+    if table := recording.table("events"):
+        said = _read_table(table, ["onset"])
+        column = next((c for c in ("trial_type", "value") if c in said and said[c].any()), None)
+        if column is None:
+            raise ValueError(f"{table} has neither a trial_type nor a value; name its events there")
+        onset = pd.to_numeric(said["onset"], errors="coerce")
+        found = pd.DataFrame({"onset": onset, "name": said[column]})
+        found = found[onset.notna() & (found["name"] != "")]
+        return found.sort_values("onset", kind="stable").reset_index(drop=True)
+    told, sfreq = raw.annotations, raw.info["sfreq"]
+    found = pd.DataFrame({"onset": told.onset - raw.first_time, "name": told.description})
+    found = found[~found["name"].str.lower().str.startswith(_CUTS)]
+    if "stim" in raw.get_channel_types():
+        # Above 16 bits BioSemi tells of its battery.
+        mask = {"mask": 2**16 - 1, "mask_type": "and"} if recording.format == ".bdf" else {}
+        with _reading(recording):
+            pulses = mne.find_events(raw, shortest_event=1, verbose="error", **mask)
+        onset = (pulses[:, 0] - raw.first_samp) / sfreq
+        more = pd.DataFrame({"onset": onset, "name": pulses[:, 2].astype(str)})
+        found = pd.concat([found, more]).drop_duplicates().sort_values("onset", kind="stable")
+    return found.reset_index(drop=True)
+
+
+def event_names(opened, recording) -> pd.Series:
+    """Name of each event of a file that `open_recording` has opened."""
+    if isinstance(opened, mne.BaseEpochs):
+        names = {code: name for name, code in opened.event_id.items()}
+        return pd.Series(opened.events[:, 2]).map(names)
+    return named_events(opened, recording)["name"]
 
 
 def labelled_epochs(data, info, tmin, metadata) -> mne.EpochsArray:
@@ -99,19 +135,13 @@ def labelled_epochs(data, info, tmin, metadata) -> mne.EpochsArray:
 
     The metadata hold label (0 correct, 1 error) and epoch or, of a recording, sample.
     """
-    # Distinct first samples, which MNE demands; folders have no continuous time.
+    # Distinct first samples, which MNE demands; folders of epochs have no continuous time.
     first = metadata["sample"] if "sample" in metadata else metadata["epoch"]
     events = np.column_stack([first, np.zeros(len(data), int), metadata["label"] + 1]).astype(int)
     return mne.EpochsArray(
         data, info, events, tmin=tmin, event_id=EVENT_ID, metadata=metadata, proj=False,
         verbose="error",
     )  # fmt: skip
-
-
-def other_channels(folder, drop=()) -> dict[str, str]:
-    """Type by name of a folder's channels that are neither EEG nor EOG, nor dropped."""
-    types = _channel_types(*(path for *_, path in _files(folder)))
-    return {n: kind for n, kind in types.items() if kind not in TYPES and n not in drop}
 
 
 def check_subject(subject, subjects, source) -> None:
@@ -121,95 +151,90 @@ def check_subject(subject, subjects, source) -> None:
         raise ValueError(f"unknown subject {subject!r} in {source}; choose one of {known}")
 
 
-def _channel_names(names, path):
-    """Labels as in the file, where MNE has numbered those that it repeats: EOG-0, EOG-1."""
-    labels = [re.sub(r"-\d+$", "", name) for name in names]
-    repeated = {label for label in labels if labels.count(label) > 1}
-    refused = sorted(label for label in repeated if "EOG" not in label.upper())
-    if refused:
-        raise ValueError(f"{path}: channel {', '.join(refused)} occurs twice; rename one of them")
-    numbers = iter(range(1, len(names) + 1))
-    return [f"EOG{next(numbers)}" if repeated and "EOG" in name.upper() else name for name in names]
-
-
-def _marker(kind):
-    """Name of an event in BrainVision's form: S6, 6 and 6.0 are "S  6"."""
-    marker = re.fullmatch(r"([SR]?)\s*(\d+)(?:\.0)?", kind.strip())
-    return f"{marker[1] or 'S'}{int(marker[2]):3d}" if marker else kind.strip()
-
-
-def _read_session(session, path, events, drop):
-    """Epochs of the two events on the channels that are kept, session and label in the metadata."""
-    epochs = _read(mne.read_epochs, path)
-    codes = {epochs.event_id.get(event): label for label, event in enumerate(events)}
-    labels = pd.Series(epochs.events[:, 2]).map(codes)
-    epochs = epochs.pick(_kept(path, drop))[labels.notna().to_numpy()]
-    epochs.metadata = pd.DataFrame({"session": session, "label": labels.dropna().to_numpy(int)})
-    return epochs
-
-
-def _values(epochs, path, first):
-    """Data of a session in the channel order of the first, whose layout it must have."""
-    require_channels(epochs.ch_names, first.ch_names, path)
-    layout, expected = ((e.info["sfreq"], e.tmin, len(e.times)) for e in (epochs, first))
-    if layout != expected:
-        raise ValueError(
-            f"{path}: sampling rate, window start and samples {layout} differ from those of the "
-            f"first session, {expected}; export all sessions of a subject alike"
-        )
-    values = epochs.get_data(picks=first.ch_names)
-    if not np.isfinite(values).all():
-        raise ValueError(f"{path} holds NaN or infinite values; drop or repair those epochs")
-    return values
-
-
-def _channel_types(*paths):
-    """Type by name of the channels of files; of those of several types, the first."""
-    types: dict[str, str] = {}
-    for path in paths:
-        info = _read(mne.io.read_info, path)
-        types = dict(zip(info.ch_names, info.get_channel_types(), strict=True)) | types
-    return types
-
-
-def _read(reader, path):
-    try:
-        return reader(path, verbose="error")
-    except Exception as problem:
-        message = f"{path} cannot be read as MNE epochs ({problem}); copy it anew"
-        raise ValueError(message) from problem
-
-
-def _kept(path, drop):
-    """Names of the EEG and EOG channels of a file without those to drop."""
-    types = _channel_types(path)
-    # Not every file needs to have what another one has too much.
-    if not set(drop) <= set(types):
-        known = _channel_types(*(path for *_, path in _files(path.parent)))
-        if unknown := ", ".join(name for name in drop if name not in known):
-            raise ValueError(
-                f"{path.parent} has no channel {unknown} to drop; it has {', '.join(known)}"
-            )
-    kept = [name for name, kind in types.items() if kind in TYPES and name not in drop]
-    if "eeg" not in {types[name] for name in kept}:
+@cache  # of files that stay as they are
+def _header(recording, stamps):
+    opened = open_recording(recording)
+    info, path = opened.info, recording.path
+    types = dict(zip(opened.ch_names, opened.get_channel_types(), strict=True))
+    if "eeg" not in types.values():
         there = ", ".join(f"{name} ({kind})" for name, kind in types.items())
         raise ValueError(
-            f"{path} has no EEG channel left; it has {there}, to drop are "
-            f"{', '.join(drop) or 'none'}; drop fewer, or set the channels' types in the file"
+            f"{path} has no EEG channel, it has {there}; set the channels' types in the file"
         )
-    return kept
+    if info["sfreq"] < MIN_SFREQ:
+        raise ValueError(
+            f"{path} is sampled at {info['sfreq']:g} Hz; at least {MIN_SFREQ:g} Hz are needed, so "
+            "export it at a higher rate"
+        )
+    epoched = isinstance(opened, mne.BaseEpochs)
+    return Header(
+        sfreq=info["sfreq"],
+        types=types,
+        band=(info["highpass"], info["lowpass"]),
+        bads=tuple(info["bads"]),
+        unapplied=tuple(proj["desc"] for proj in info["projs"] if not proj["active"]),
+        n_epochs=len(opened.events) if epoched else None,
+        n_times=len(opened.times) if epoched else opened.n_times,
+    )
 
 
-def _files(folder):
-    """Subject, session ("" if it has none) and path of the epochs of a folder, sorted."""
-    folder = Path(folder)
-    if not folder.is_dir():
+def _open(path, ending, has_epochs):
+    if ".fif" in ending and has_epochs:
+        return mne.read_epochs(path, proj=False, preload=False, verbose="error")
+    names_tell = {"infer_types": True} if ending in (".edf", ".bdf") else {}
+    try:
+        raw = mne.io.read_raw(path, verbose="error", **names_tell)
+    except TypeError:  # it has more than one trial
+        if ending != ".set":
+            raise
+        return mne.read_epochs_eeglab(path, verbose="error")
+    if ending == ".set":
+        require_whole(raw)
+    return raw
+
+
+@contextmanager
+def _reading(recording):
+    """Say which file cannot be read."""
+    path = recording.path
+    try:
+        yield
+    except FileNotFoundError as problem:
         raise FileNotFoundError(
-            f"{folder} is not a folder; eeg takes 'simulated', 'hri', or a folder of epochs "
-            "named sub-XX[_ses-YY]_epo.fif"
-        )
-    matches = [(_FILE.fullmatch(path.name), path) for path in folder.iterdir()]
-    found = [(match[1], match[2] or "", path) for match, path in matches if match]
-    if not found:
-        raise ValueError(f"{folder} holds no file named sub-XX[_ses-YY]_epo.fif")
-    return sorted(found)
+            f"{path} is not complete ({problem}); copy all its parts, and rename none"
+        ) from problem
+    except Exception as problem:
+        raise ValueError(
+            f"{path} cannot be read as {recording.format} ({problem}); copy or export it anew"
+        ) from problem
+
+
+def _set_types(instance, types):
+    """Set channel types, but those of trigger channels, which MNE knows."""
+    known = dict(zip(instance.ch_names, instance.get_channel_types(), strict=True))
+    new = {name: kind for name, kind in types.items() if known[name] not in ("stim", kind)}
+    instance.set_channel_types(new, on_unit_change="ignore", verbose="error")
+
+
+def _read_table(path, needed):
+    """A table of BIDS as text, n/a as ""; a ValueError says if a column is missing."""
+    try:
+        table = pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False, na_values=["n/a"])
+    except ValueError as problem:
+        raise ValueError(f"{path} is not a table ({problem}); write it anew") from problem
+    if missing := [column for column in needed if column not in table]:
+        raise ValueError(f"{path} has no column {', '.join(missing)}; add it, as BIDS demands")
+    return table.fillna("")
+
+
+def _complete(instance, recording):
+    """Check values and places of the electrodes; interpolate bad channels."""
+    info, path = instance.info, recording.path
+    instance.del_proj([i for i, proj in enumerate(info["projs"]) if not proj["active"]])
+    set_positions(instance)
+    refuse_unlocated(info, path)
+    kinds = dict(zip(instance.ch_names, instance.get_channel_types(), strict=True))
+    info["bads"] = [name for name in info["bads"] if kinds[name] == "eeg"]
+    good = [name for name in kinds if name not in info["bads"]]
+    refuse_nan(instance.get_data(picks=good), good, info["sfreq"], path)
+    interpolate(instance, path)

@@ -13,6 +13,8 @@ import os
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import platformdirs
 import pooch
 import requests
@@ -37,6 +39,8 @@ RESPONSES = ("R  1", "R  2", "R  3")
 FEEDBACKS = ("FB1", "FB2", "FB3")
 CORRECT, HUMAN_ERROR, MACHINE_ERROR = "S  4", "S  5", "S  6"
 FRAME, BACK, TRIAL_END = "S  7", "S  8", "S  9"
+#: Label of a feedback, 0 correct and 1 error, and what becomes of it, by the outcome of its trial.
+OUTCOMES = {CORRECT: (0, "kept"), MACHINE_ERROR: (1, "kept"), HUMAN_ERROR: (-1, "human error")}
 
 N_BLOCKS, N_TRIALS_PER_BLOCK = 10, 50
 
@@ -94,6 +98,27 @@ def place(subject: str, suffix: str = ".set") -> Path:
     """Where a subject's file lies, or will lie."""
     path = next(path for path in blob_ids() if path.endswith(f"/{subject}_cursor{suffix}"))
     return cache_dir() / "errp-hri" / path
+
+
+def feedback_events(raw) -> pd.DataFrame:
+    """Feedback events in the order of time, labelled by the outcome marker of their trial.
+
+    Columns are onset (s), epoch, block, label and status; a ValueError says if there are none.
+    """
+    onset, name = raw.annotations.onset, raw.annotations.description
+    trial = np.searchsorted(onset[np.isin(name, STIMULI)], onset, side="right")
+    rows = []
+    for epoch, index in enumerate(np.flatnonzero(np.isin(name, FEEDBACKS))):
+        outcomes = set(name[trial == trial[index]]) & OUTCOMES.keys()
+        label, status = OUTCOMES[outcomes.pop()] if len(outcomes) == 1 else (-1, "no outcome")
+        rows.append((onset[index], epoch, epoch // N_TRIALS_PER_BLOCK, label, status))
+    events = pd.DataFrame(rows, columns=["onset", "epoch", "block", "label", "status"])
+    if not (events["label"] >= 0).any():
+        raise ValueError(
+            f"no feedback ({', '.join(FEEDBACKS)}) with an outcome ({CORRECT}, {MACHINE_ERROR}) "
+            f"among the events of the recording, which are {', '.join(sorted(set(name))) or 'none'}"
+        )
+    return events
 
 
 def _download(url, target, blob):

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,16 +10,14 @@ import mne
 import numpy as np
 import pandas as pd
 
-from rlihf_lib.eeg import hri, recordings
-from rlihf_lib.eeg.formats import labelled_epochs, read_folder_epochs
-from rlihf_lib.eeg.hri import CORRECT, FEEDBACKS, HUMAN_ERROR, MACHINE_ERROR
+from rlihf_lib.eeg import hri, own, quality, recordings
+from rlihf_lib.eeg.formats import labelled_epochs
 from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
 
 _VERSION = 1  # raise when the steps change in anything but their settings
 COLUMNS = ["subject", "session", "epoch", "sample", "block", "label", "status"]
-OUTCOMES = {CORRECT: (0, "kept"), MACHINE_ERROR: (1, "kept"), HUMAN_ERROR: (-1, "human error")}
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Preprocessing:
     duration: float = 2.0
     before: float = 0.0  # s before the onset that are cut, too, but not looked at for artefacts
     reject: float = 200e-6  # V, peak to peak on any EEG channel, above which is an artefact
-    #: Of a folder of epochs: names of the events, channels that are left out.
+    #: Of a folder of one's own: names of the events, channels that are left out.
     correct_event: str = "correct"
     error_event: str = "error"
     drop_channels: tuple = ()
@@ -46,6 +44,11 @@ class Preprocessing:
             raise ValueError(
                 f"reference {self.reference!r} is unknown; choose 'average' or 'recorded'"
             )
+
+    @property
+    def events(self) -> tuple[str, str]:
+        """Names of the correct and the error event in a folder of one's own."""
+        return self.correct_event, self.error_event
 
 
 @dataclass(frozen=True)
@@ -100,26 +103,29 @@ def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
     subject, session, epoch (index of the feedback within the subject's recording, counting the
     dropped ones, so that it stays the same whatever is dropped), label (0 correct, 1 error) and,
     for recordings, sample (of the onset) and block. A ValueError or OSError says if the recording
-    cannot be had, read or labelled.
+    cannot be had, read or labelled, or what a folder holds is no EEG (`quality`).
 
     Notes
     -----
     Epochs of recordings are cached in `hri.cache_dir`, by the content of the recording and the
-    settings. Epochs of a folder keep their windows, are never resampled upwards, and are filtered
-    only if they are at least three times as long as the filter: a second filtering of short epochs
-    smears their edges into the response.
+    settings. Epochs of a folder of epochs keep their windows, none is dropped, and they are never
+    resampled upwards. They are filtered only if they are at least three times as long as the
+    filter: a second filtering of short epochs smears their edges into the response.
     """
-    if recordings.is_folder(eeg):
-        return _folder_epochs(eeg, subject, settings)
-    return _cached(eeg, subject, settings)[0]
+    if recordings.is_continuous(eeg):
+        return _cached(eeg, subject, settings)[0]
+    epochs = own.load_epochs(eeg, subject, settings)
+    _resample(epochs, settings)
+    return _reference(epochs, settings)
 
 
 def load_events(eeg, subject, settings=Preprocessing()) -> pd.DataFrame:
-    """All feedback events of a simulated or ErrP-HRI subject, and what became of each.
+    """All feedback events of a subject with continuous recordings, and what became of each.
 
     Columns are `COLUMNS`: sample is the onset in the preprocessed data; label 0 correct, 1 error,
     -1 neither; status one of kept, artefact, human error, no outcome, past the end.
     """
+    recordings.require_continuous(eeg)
     return _cached(eeg, subject, settings)[1]
 
 
@@ -127,43 +133,31 @@ def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawA
     """Preprocessed continuous recording of a subject, to be replayed as a stream, and its events.
 
     EEG and EOG are in volts; for the events see `load_events`. The samples from that of a kept
-    event on are, bit for bit, the epoch that `load_epochs` returns. A ValueError says if the source
-    is a folder of epochs, which has no continuous signal, or no feedback can be labelled.
+    event on are, bit for bit, the epoch that `load_epochs` returns. Recordings of a folder follow
+    one another. A ValueError says if the source is a folder of epochs, which has no continuous
+    signal, or no feedback can be labelled.
     """
+    recordings.require_continuous(eeg)
+    # Recordings that are cut in several ways are read once.
+    reading = replace(
+        settings, sfreq=recordings.sfreq(eeg, settings.sfreq), reference="recorded", before=0.0
+    )
+    raws, tables, n_samples = [], [], 0
+    content = recordings.content(eeg, subject, settings.drop_channels)
+    for raw, found in _filtered(eeg, subject, reading, content):
+        raw = _reference(raw.copy(), settings)
+        # Single precision, far below the noise, so that what a file holds equals what memory holds.
+        raw.apply_function(lambda values: values.astype(np.float32), picks="all", verbose="error")
+        events = _find_artefacts(raw, found, settings)
+        tables.append(events.assign(sample=events["sample"] + n_samples))
+        n_samples += raw.n_times
+        raws.append(raw)
+    events = pd.concat(tables, ignore_index=True).assign(subject=subject)
     if recordings.is_folder(eeg):
-        raise ValueError(f"{eeg} holds epochs, not continuous data; choose 'simulated' or 'hri'")
-    raw = _filtered(eeg, subject, settings.l_freq, settings.h_freq, _content(eeg, subject)).copy()
-    events = _feedback_events(raw).assign(subject=subject, session=eeg)
-    _resample_and_reference(raw, settings)
-    # Single precision, far below the noise, so that what a file holds equals what memory holds.
-    raw.apply_function(lambda values: values.astype(np.float32), picks="all", verbose="error")
-    n_times = round(settings.duration * raw.info["sfreq"])
-    events["sample"] = np.round(events["onset"] * raw.info["sfreq"]).astype(int)
-    data = raw.get_data(picks="eeg")
-    for row, first in events.loc[events["status"] == "kept", "sample"].items():
-        window = data[:, first : first + n_times]
-        if window.shape[1] < n_times:
-            events.at[row, "status"] = "past the end"
-        elif np.ptp(window, axis=1).max() > settings.reject:
-            events.at[row, "status"] = "artefact"
-    return raw, events[COLUMNS]
-
-
-@lru_cache(maxsize=1)  # the same recording is cut in several ways, one after the other
-def _filtered(eeg, subject, l_freq, h_freq, content):
-    raw = recordings.read_recording(eeg, subject)
-    return raw.filter(l_freq, h_freq, picks=["eeg", "eog"], verbose="error")
-
-
-def _content(eeg, subject):
-    path = recordings.recording_path(eeg, subject)
-    files = [file for file in (path, path.with_suffix(".fdt")) if file.is_file()]
-    return tuple(_hash(file, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-
-
-@lru_cache  # of a file that stays as it is
-def _hash(file, changed, size):
-    return sha256(file)
+        events["epoch"] = np.arange(len(events))
+        kept = events["label"][events["status"] == "kept"]
+        quality.require_classes(kept, settings.events, f"{eeg}: subject {subject}")
+    return mne.concatenate_raws(raws, verbose="error"), events[COLUMNS]
 
 
 def cut(raw, events, settings) -> mne.EpochsArray:
@@ -176,36 +170,70 @@ def cut(raw, events, settings) -> mne.EpochsArray:
     return labelled_epochs(np.stack(windows), raw.info, -n_before / raw.info["sfreq"], kept)
 
 
-def _feedback_events(raw):
-    """Feedback events in the order of time, labelled by the outcome marker of their trial."""
-    onset, name = raw.annotations.onset, raw.annotations.description
-    trial = np.searchsorted(onset[np.isin(name, hri.STIMULI)], onset, side="right")
-    rows = []
-    for epoch, index in enumerate(np.flatnonzero(np.isin(name, FEEDBACKS))):
-        outcomes = set(name[trial == trial[index]]) & OUTCOMES.keys()
-        label, status = OUTCOMES[outcomes.pop()] if len(outcomes) == 1 else (-1, "no outcome")
-        rows.append((onset[index], epoch, epoch // hri.N_TRIALS_PER_BLOCK, label, status))
-    events = pd.DataFrame(rows, columns=["onset", "epoch", "block", "label", "status"])
-    if not (events["label"] >= 0).any():
-        raise ValueError(
-            f"no feedback ({', '.join(FEEDBACKS)}) with an outcome ({CORRECT}, {MACHINE_ERROR}) "
-            f"among the events of the recording, which are {', '.join(sorted(set(name))) or 'none'}"
-        )
-    return events
+@lru_cache(maxsize=1)
+def _filtered(eeg, subject, settings, content):
+    """Signal in the band, and events with their sample, of each recording of a subject."""
+    own_files = recordings.is_folder(eeg)
+    if own_files:
+        found = own.subject_recordings(eeg, subject, settings.events, settings.drop_channels)
+    else:
+        raw = recordings.read_recording(eeg, subject)
+        found = [(eeg, raw, hri.feedback_events(raw).assign(session=eeg))]
+    filtered = []
+    for path, raw, events in found:
+        raw.filter(settings.l_freq, settings.h_freq, picks=["eeg", "eog"], verbose="error")
+        _resample(raw, settings)
+        events["sample"] = np.round(events["onset"] * raw.info["sfreq"]).astype(int)
+        if own_files:
+            events = events.drop_duplicates("sample").reset_index(drop=True)
+            whole = [w for w in _windows(raw, events, settings) if w.size and np.isfinite(w).all()]
+            names = raw.copy().pick("eeg").ch_names
+            quality.require_eeg(whole, names, path, settings.reject)
+        filtered.append((raw, events))
+    return filtered
 
 
-def _resample_and_reference(instance, settings):
+def _find_artefacts(raw, events, settings):
+    """Events with their status."""
+    n_before = round(settings.before * raw.info["sfreq"])
+    status = []
+    for known, first, window in zip(
+        events["status"], events["sample"], _windows(raw, events, settings), strict=True
+    ):
+        if known == "kept" and (first < n_before or not window.size):
+            known = "past the end"
+        elif known == "kept" and not np.ptp(window, axis=1).max() <= settings.reject:
+            known = "artefact"
+        status.append(known)
+    return events.assign(status=status)
+
+
+def _windows(raw, events, settings):
+    """EEG from each event on: NaN where it is annotated as bad, nothing if it is not all there."""
+    n_times = round(settings.duration * raw.info["sfreq"])
+    data = raw.get_data(picks="eeg", reject_by_annotation="NaN", verbose="error")
+    for first in events["sample"]:
+        window = data[:, max(first, 0) : first + n_times]
+        yield window if window.shape[1] == n_times else window[:, :0]
+
+
+def _resample(instance, settings):
     if instance.info["sfreq"] > settings.sfreq:
         instance.resample(settings.sfreq, verbose="error")
+
+
+def _reference(instance, settings):
     if settings.reference == "average":
         instance.set_eeg_reference("average", verbose="error")
+    return instance
 
 
 def _cache(eeg, subject, settings):
     """The file of a subject's cached epochs."""
     used = asdict(settings)
-    del used["drop_channels"]  # says nothing of recordings, whose cached epochs stay good
-    key = sha256(canonical_json([_VERSION, eeg, subject, _content(eeg, subject), used]))[:16]
+    del used["drop_channels"]  # the content tells
+    content = recordings.content(eeg, subject, settings.drop_channels)
+    key = sha256(canonical_json([_VERSION, str(eeg), subject, content, used]))[:16]
     return hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
 
 
@@ -223,21 +251,5 @@ def _cut_files(eeg, subject, settings):
 
 def _cached(eeg, subject, settings):
     file, table = _cut_files(eeg, subject, settings)
-    events = pd.read_csv(table, dtype={"subject": str, "session": str})
+    events = pd.read_csv(table, dtype={"subject": str, "session": str}, keep_default_na=False)
     return mne.read_epochs(file, verbose="error"), events
-
-
-def _folder_epochs(eeg, subject, settings):
-    names = (settings.correct_event, settings.error_event)
-    epochs = read_folder_epochs(eeg, subject, names, settings.drop_channels)
-    info, band = epochs.info, []
-    if info["highpass"] < settings.l_freq:
-        band.append((settings.l_freq, None))
-    if info["lowpass"] > settings.h_freq:
-        band.append((None, settings.h_freq))
-    for edges in band:
-        length = len(mne.filter.create_filter(None, info["sfreq"], *edges, verbose="error"))
-        if len(epochs.times) >= 3 * length:
-            epochs.filter(*edges, picks=["eeg", "eog"], verbose="error")
-    _resample_and_reference(epochs, settings)
-    return epochs

@@ -4,8 +4,7 @@ import mne
 import numpy as np
 import pytest
 
-from rlihf_lib.eeg import channels, loso
-from rlihf_lib.eeg.formats import other_channels, read_folder_epochs
+from rlihf_lib.eeg import channels, loso, overview
 from rlihf_lib.eeg.loso import recorded_cohort, run_loso
 from rlihf_lib.live import train_live
 from rlihf_lib.rl.runs import RunConfig
@@ -32,6 +31,10 @@ def write(folder, make_epochs, signal=None, name="P10", kind="eeg"):
             epochs.add_channels([extra], force_update_info=True)
         epochs.save(folder / f"sub-{subject}_epo.fif", verbose="error")
     return folder
+
+
+def read(folder, subject, drop=()):
+    return recorded_cohort(folder, SUBJECTS, drop_channels=drop)[subject]
 
 
 def noise(scale):
@@ -63,8 +66,8 @@ def test_a_channel_that_carries_the_label_is_refused(kind, make_epochs, tmp_path
 def test_an_eeg_channel_without_a_position_is_refused(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"], "label")
     with pytest.raises(ValueError, match=r"sub-01_epo.fif: EEG channel label has no position"):
-        read_folder_epochs(folder, "01")
-    assert "label" not in read_folder_epochs(folder, "01", drop=["label"]).ch_names
+        read(folder, "01")
+    assert "label" not in read(folder, "01", ["label"]).ch_names
 
 
 def test_an_electrode_keeps_its_own_position_beside_those_that_get_one_by_name(
@@ -75,7 +78,7 @@ def test_an_electrode_keeps_its_own_position_beside_those_that_get_one_by_name(
     epochs = mne.read_epochs(path, verbose="error")
     epochs.info["chs"][-1]["loc"][:3] = own
     epochs.save(path, overwrite=True, verbose="error")
-    places = read_folder_epochs(folder, "01").get_montage().get_positions()["ch_pos"]
+    places = read(folder, "01").get_montage().get_positions()["ch_pos"]
     np.testing.assert_allclose(places["E17"], own, atol=1e-6)
     assert np.isfinite(list(places.values())).all() and len(places) == 6
 
@@ -83,7 +86,7 @@ def test_an_electrode_keeps_its_own_position_beside_those_that_get_one_by_name(
 @pytest.mark.parametrize("name", ["O9", "o10", "FFT7h"])
 def test_names_of_either_system_have_a_position(name, make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs, lambda labels, times: noise(1e-6), name)
-    assert name in read_folder_epochs(folder, "01").ch_names
+    assert name in read(folder, "01").ch_names
 
 
 def test_both_systems_agree_where_both_have_an_electrode():
@@ -97,31 +100,30 @@ def test_both_systems_agree_where_both_have_an_electrode():
 
 def test_channels_of_other_types_are_told_and_never_decoded(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"], "STI 014", "stim")
-    assert other_channels(folder) == {"STI 014": "stim"}
-    assert "STI 014" not in read_folder_epochs(folder, "01").ch_names
+    assert overview.notes(folder) == ["left out: STI 014 (of type stim)"]
+    assert "STI 014" not in read(folder, "01").ch_names
 
 
 def test_a_channel_to_drop_that_is_not_there_is_named(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs)
     with pytest.raises(ValueError, match=r"has no channel Q7 to drop; it has .*Cz"):
-        read_folder_epochs(folder, "01", drop=["Q7"])
+        read(folder, "01", ["Q7"])
 
 
-def test_a_file_without_eeg_channels_is_named(make_epochs, tmp_path):
+def test_dropping_every_channel_is_refused(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs, LEAKS["constant"], "STI 014", "stim")
-    with pytest.raises(ValueError, match=r"sub-01_epo.fif has no EEG channel left; it has Fz"):
-        read_folder_epochs(folder, "01", drop=["Fz", "Cz", "Pz", "C3", "C4"])
+    with pytest.raises(ValueError, match=r"no EEG channel .*sub-01_epo.fif: Fz, .* drop fewer"):
+        read(folder, "01", ["Fz", "Cz", "Pz", "C3", "C4"])
 
 
-def test_a_channel_that_only_one_person_has_can_be_dropped(make_epochs, tmp_path):
+def test_a_channel_that_only_one_person_has_is_left_out_and_can_be_dropped(make_epochs, tmp_path):
     folder = write(tmp_path / "mine", make_epochs)
     spare = write(tmp_path / "spare", make_epochs, LEAKS["constant"], "Status")
     (spare / "sub-03_epo.fif").replace(folder / "sub-03_epo.fif")
-    with pytest.raises(ValueError, match=r"sub-03_epo.fif: EEG channel Status has no position"):
-        read_folder_epochs(folder, "03")
-    for subject in SUBJECTS:
-        assert len(read_folder_epochs(folder, subject, drop=["Status"]).ch_names) == 5
-    assert other_channels(folder) == {}
+    assert overview.notes(folder) == ["left out: Status (not in sub-01_epo.fif, sub-02_epo.fif)"]
+    assert overview.notes(folder, ["Status"]) == ["left out: Status (--drop-channels)"]
+    for drop in ((), ["Status"]):
+        assert len(read(folder, "03", drop).ch_names) == 5
 
 
 def test_live_decoding_does_not_go_round_the_check(make_epochs, tmp_path, monkeypatch):

@@ -1,273 +1,281 @@
-"""Reading EEGLAB files in their many forms, and folders of epochs; the door to all sources."""
+"""Files of every format that MNE reads for us: signals in volts, events by name, bad channels."""
 
 import mne
 import numpy as np
 import pytest
-import scipy.io
 
-from rlihf_lib.eeg import formats, hri, recordings, simulated
+from rlihf_lib.eeg import formats, overview
+from rlihf_lib.eeg.folders import find
+from rlihf_lib.eeg.preprocessing import Preprocessing, load_continuous, load_epochs, load_events
+from tests.eeg import writers
 
-EVENTS = [(11.0, "S  1"), (20.5, "R  1"), (26.25, "FB1"), (26.5, "S  4")]
-
-
-def data(n_samples=300):
-    return np.random.default_rng(0).normal(0, 20, (30, n_samples)).astype(np.float32)
-
-
-def write(folder, **changes):
-    """A small `.set`/`.fdt` pair; `changes` replace fields of its structure."""
-    path = folder / "s02_cursor.set"
-    simulated.write_set(path, data(), EVENTS)
-    if changes:
-        eeg = scipy.io.loadmat(path)["EEG"]
-        eeg = {name: eeg[name][0, 0] for name in eeg.dtype.names}
-        scipy.io.savemat(path, {"EEG": eeg | changes}, format="5", oned_as="row")
-    return path
+NUMBERS = {"correct": "4", "error": "6"}
+NAMED = Preprocessing(reference="recorded")
+NUMBERED = Preprocessing(reference="recorded", correct_event="4", error_event="6")
 
 
-def labels(*names):
-    locations = np.zeros(len(names), dtype=[("labels", object)])
-    locations["labels"] = names
-    return locations
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
 
 
-def events(*pairs):
-    array = np.zeros(len(pairs), dtype=[("latency", object), ("type", object)])
-    array["latency"], array["type"] = zip(*pairs, strict=True)
-    return array
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "mine").mkdir()
+    return tmp_path / "mine"
 
 
-def test_reads_back_what_was_written(tmp_path):
-    raw = formats.read_eeglab(write(tmp_path))
-    assert raw.ch_names == list(hri.CHANNELS)
-    assert raw.info["sfreq"] == 256
-    assert raw.get_channel_types() == ["eog" if "EOG" in n else "eeg" for n in hri.CHANNELS]
-    np.testing.assert_array_equal(raw.get_data(), data().astype(float) * 1e-6)
-    assert list(raw.annotations.description) == [name for _, name in EVENTS]
-    # Latencies count from 1 and are fractional; MNE keeps microseconds.
-    np.testing.assert_allclose(
-        raw.annotations.onset * 256 + 1, [at for at, _ in EVENTS], atol=256e-6
-    )
-    positions = raw.get_montage().get_positions()["ch_pos"]
-    assert positions["Fz"][1] > positions["Pz"][1]
+@pytest.fixture(scope="module")
+def planted():
+    return writers.planted(0)
 
 
-def test_data_may_be_embedded_in_the_set_file(tmp_path):
-    path = write(tmp_path, data=data())
-    path.with_suffix(".fdt").unlink()
-    np.testing.assert_array_equal(formats.read_eeglab(path).get_data(), data().astype(float) * 1e-6)
+def numbered(events):
+    return [(at, NUMBERS[name]) for at, name in events]
 
 
-def test_fields_may_lie_at_the_top_of_the_file(tmp_path):
-    path = write(tmp_path)
-    eeg = scipy.io.loadmat(path)["EEG"]
-    scipy.io.savemat(path, {name: eeg[name][0, 0] for name in eeg.dtype.names}, format="5")
-    assert formats.read_eeglab(path).n_times == 300
+FORMATS = {
+    "sub-01_eeg.fif": (writers.fif, False),
+    "sub-01_raw.fif.gz": (writers.fif, False),
+    "sub-01_eeg.set": (writers.eeglab, False),
+    "sub-01_eeg.vhdr": (writers.brainvision, False),
+    "sub-01_eeg.edf": (writers.edf, True),
+    "sub-01_eeg.bdf": (writers.edf, True),
+    "sub-01_eeg.gdf": (writers.gdf, True),
+}
 
 
-def test_a_renamed_pair_is_found(tmp_path):
-    path = write(tmp_path)
-    path.with_suffix(".fdt").rename(tmp_path / "x.fdt")
-    assert formats.read_eeglab(path.rename(tmp_path / "x.set")).n_times == 300
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_continuous_recording_of_any_format_becomes_the_same_epochs(folder, planted, name):
+    signal, events = planted
+    write, digits = FORMATS[name]
+    write(folder / name, signal, numbered(events) if digits else events)
+    epochs = load_epochs(folder, "01", NUMBERED if digits else NAMED)
+    filtered = writers.raw_of(signal).filter(1, 20, verbose="error").get_data()
+    expected = [filtered[:, at : at + 2 * writers.SFREQ] for at, _ in events]
+    assert epochs.ch_names == list(writers.NAMES) and epochs.event_id == {"correct": 1, "error": 2}
+    # EDF and GDF have 16 bits.
+    np.testing.assert_allclose(epochs.get_data(), expected, atol=2e-9)
+    assert epochs.metadata["label"].tolist() == [int(kind == "error") for _, kind in events]
 
 
-def test_repeated_eog_labels_are_numbered(tmp_path):
-    names = ["EOG3" if "EOG" in name else name for name in hri.CHANNELS]
-    raw = formats.read_eeglab(write(tmp_path, chanlocs=labels(*names)))
-    assert [name for name in raw.ch_names if "EOG" in name] == ["EOG1", "EOG2", "EOG3"]
-    assert raw.get_channel_types().count("eog") == 3
+@pytest.mark.parametrize("trigger", ["Status", "trigger"])
+@pytest.mark.parametrize("ending", ["edf", "bdf"])
+def test_a_trigger_channel_is_never_decoded(folder, planted, ending, trigger):
+    signal, events = planted
+    writers.edf(folder / f"sub-01_eeg.{ending}", signal, numbered(events), trigger=trigger)
+    assert load_epochs(folder, "01", NUMBERED).ch_names == list(writers.NAMES)
+    assert overview.notes(folder) == [f"left out: {trigger} (of type stim)"]
 
 
-def test_a_repeated_eeg_label_is_refused(tmp_path):
-    names = ["Fz" if name == "Cz" else name for name in hri.CHANNELS]
-    with pytest.raises(ValueError, match=r"s02_cursor\.set: channel Fz occurs twice"):
-        formats.read_eeglab(write(tmp_path, chanlocs=labels(*names)))
+@pytest.mark.parametrize("name", ["sub-01_eeg.fif", "sub-01_eeg.set", "sub-01_eeg.vhdr"])
+def test_a_trigger_among_the_electrodes_is_refused_by_name(folder, planted, name):
+    signal, events = planted
+    pulses = np.zeros((1, signal.shape[1]))
+    for at, kind in events:
+        pulses[0, at : at + 9] = 50 * (kind == "error")
+    names = (*writers.NAMES, "Status")
+    FORMATS[name][0](folder / name, np.vstack([signal, pulses]), events, names)
+    with pytest.raises(ValueError, match=rf"{name}: EEG channel Status has no position"):
+        load_epochs(folder, "01", NAMED)
+    assert "no place on the scalp, so --drop-channels them: Status" in overview.describe(folder)
 
 
-@pytest.mark.parametrize("kind", ["S  6", "S6", "S 6", "6", 6, 6.0])
-def test_event_types_may_be_strings_or_integers(tmp_path, kind):
-    raw = formats.read_eeglab(write(tmp_path, event=events((10.0, kind), (20.0, "FB1"))))
-    assert list(raw.annotations.description) == ["S  6", "FB1"]
+@pytest.mark.parametrize("tmin", [0.0, -0.25])
+def test_epochs_of_eeglab_keep_their_window(folder, tmin):
+    rng = np.random.default_rng(0)
+    values, names = rng.normal(0, 5, (20, 5, 100)), ["error", "correct"] * 10
+    writers.eeglab_epochs(folder / "sub-01_eeg.set", values, names, tmin)
+    epochs = load_epochs(folder, "01", NAMED)
+    np.testing.assert_allclose(epochs.get_data(), 1e-6 * values, atol=1e-11)
+    assert epochs.tmin == tmin and epochs.metadata["label"].tolist() == [1, 0] * 10
 
 
-def test_a_single_event_is_read(tmp_path):
-    raw = formats.read_eeglab(write(tmp_path, event=events((10.0, "S  6"))))
-    assert list(raw.annotations.description) == ["S  6"]
+def test_bids_tables_name_events_types_and_bad_channels(tmp_path, folder, planted):
+    signal, events = planted
+    broken = np.vstack([signal, 500 * signal[:1], signal[:1]])
+    names = [*writers.NAMES, "Oz", "X1"]
+    inside = folder / "sub-01" / "eeg"
+    inside.mkdir(parents=True)
+    stem = inside / "sub-01_task-errp"
+    writers.brainvision(stem.with_name(f"{stem.name}_eeg.vhdr"), broken, [(9, "S  9")], names)
+    rows = [f"{at / writers.SFREQ}\t0\t{name}\t1" for at, name in events]
+    text = "onset\tduration\ttrial_type\tvalue\n" + "\n".join(rows) + "\nn/a\t0\terror\t1\n"
+    stem.with_name(f"{stem.name}_events.tsv").write_text(text)
+    rows = [f"{name}\tEEG\tµV\tgood" for name in writers.NAMES]
+    rows += ["Oz\tEEG\tµV\tbad", "X1\tVEOG\tµV\tgood"]
+    text = "name\ttype\tunits\tstatus\n" + "\n".join(rows) + "\n"
+    stem.with_name(f"{stem.name}_channels.tsv").write_text(text, encoding="utf-8")
+    epochs = load_epochs(folder, "01", NAMED)
+    assert epochs.get_channel_types() == ["eeg"] * 6 + ["eog"]
+    assert epochs.metadata["label"].sum() == 10 and epochs.info["bads"] == []
+    assert np.ptp(epochs.get_data("Oz")) < 100e-6, "interpolated"
+    assert overview.notes(folder) == ["interpolated, marked bad in sub-01_task-errp_eeg.vhdr: Oz"]
+    stem.with_name(f"{stem.name}_events.tsv").write_text("onset\tvalue\n1.0\tn/a\n")
+    with pytest.raises(ValueError, match=r"_events\.tsv has neither a trial_type nor a value"):
+        load_epochs(folder, "01", NAMED)
+    stem.with_name(f"{stem.name}_events.tsv").write_text("time\n1.0\n")
+    with pytest.raises(ValueError, match=r"_events\.tsv has no column onset"):
+        load_epochs(folder, "01", NAMED)
 
 
-@pytest.mark.parametrize("latency", [302.5, 1e9, np.nan, 0.5])
-def test_an_event_outside_the_data_is_left_out_with_a_warning(tmp_path, latency):
-    path = write(tmp_path, event=events((10.0, "S  4"), (latency, "S  9")))
-    with pytest.warns(RuntimeWarning, match=r"outside data range|onset that is NaN"):
-        raw = formats.read_eeglab(path)
-    assert list(raw.annotations.description) == ["S  4"]
+def test_a_value_names_events_where_no_trial_type_does(folder, planted):
+    signal, events = planted
+    writers.fif(folder / "sub-01_eeg.fif", signal, [])
+    rows = [f"{at / writers.SFREQ}\tn/a\t{NUMBERS[name]}" for at, name in events]
+    table = "onset\ttrial_type\tvalue\n" + "\n".join(rows) + "\n"
+    (folder / "sub-01_events.tsv").write_text(table)
+    assert load_epochs(folder, "01", NUMBERED).metadata["label"].sum() == 10
 
 
-def test_an_event_before_the_data_is_refused(tmp_path):
-    path = write(tmp_path, event=events((10.0, "S  4"), (-3.0, "S  9")))
-    with pytest.raises(ValueError, match=r"s02_cursor\.set .* event sample index is negative"):
-        formats.read_eeglab(path)
+def test_events_are_listed_as_they_are_to_be_named(folder, planted):
+    signal, events = planted
+    marked = [(at, {"correct": "S  4", "error": "S  6"}[name]) for at, name in events]
+    writers.brainvision(folder / "sub-01_eeg.vhdr", signal, marked)
+    text = overview.describe(folder)
+    assert "Stimulus/S  4  20" in text and "Stimulus/S  6  10" in text
+    for names in (("Stimulus/S  4", "Stimulus/S  6"), ("S  4", "S  6")):
+        settings = Preprocessing(correct_event=names[0], error_event=names[1])
+        assert load_epochs(folder, "01", settings).metadata["label"].sum() == 10
+    with pytest.raises(ValueError, match=r"'S  5' .*Stimulus/S  4, Stimulus/S  6.*--events OK ERR"):
+        load_epochs(folder, "01", Preprocessing(correct_event="S  4", error_event="S  5"))
+    with pytest.raises(ValueError, match=r"event 'Stimulus/S  4' is both, 'Stimulus' and 'S  4'"):
+        load_epochs(folder, "01", Preprocessing(correct_event="Stimulus", error_event="S  4"))
 
 
-def test_a_truncated_fdt_is_refused(tmp_path):
-    path = write(tmp_path)
-    fdt = path.with_suffix(".fdt")
-    fdt.write_bytes(fdt.read_bytes()[:-4])
-    with pytest.raises(ValueError, match=r"s02_cursor\.fdt has 35996 bytes, expected 36000"):
-        formats.read_eeglab(path)
+def test_stretches_marked_bad_and_cuts_are_no_epochs(folder, planted):
+    signal, events = planted
+    second, third = (events[i][0] / writers.SFREQ for i in (1, 2))
+    raw = writers.raw_of(signal, events)
+    raw.annotations.append([second + 1, third + 1], [0.1, 0], ["BAD blink", "boundary"])
+    raw.save(folder / "sub-01_raw.fif", verbose="error")
+    table = load_events(folder, "01", NAMED)
+    assert table["status"].tolist() == ["kept", "artefact", "artefact"] + ["kept"] * 27
+    assert load_epochs(folder, "01", NAMED).metadata["epoch"].tolist() == [0, *range(3, 30)]
 
 
-def test_a_missing_fdt_is_named(tmp_path):
-    path = write(tmp_path)
-    path.with_suffix(".fdt").unlink()
-    with pytest.raises(FileNotFoundError, match=r"s02_cursor\.fdt"):
-        formats.read_eeglab(path)
+def test_recordings_of_one_person_follow_one_another_in_the_stream(folder):
+    for run, n, sfreq in ((1, 12, 128), (2, 15, 128), (10, 9, 256)):
+        signal, events = writers.planted(run, n)
+        fine = np.repeat(signal, sfreq // 128, axis=1)
+        at = [(sample * sfreq // 128, name) for sample, name in events]
+        path = folder / f"sub-01_ses-{run % 2}_run-{run}_eeg.fif"
+        writers.fif(path, fine, at, sfreq=sfreq)
+    rest, _ = writers.planted(11)
+    writers.fif(folder / "sub-01_task-rest_eeg.fif", rest, [(99, "eyes closed")])
+    epochs, (raw, events) = (load(folder, "01", NAMED) for load in (load_epochs, load_continuous))
+    assert raw.info["sfreq"] == epochs.info["sfreq"] == 128, "what all can be brought to"
+    assert events["epoch"].tolist() == list(range(36))
+    # Natural order of names: run 2 before run 10, both of session 0; then run 1.
+    assert epochs.metadata["session"].tolist() == ["0"] * 24 + ["1"] * 12
+    for epoch, first in zip(epochs.get_data(), epochs.metadata["sample"], strict=True):
+        np.testing.assert_array_equal(epoch, raw.get_data()[:, first : first + 256])
 
 
-def test_a_missing_set_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.set"):
-        formats.read_eeglab(tmp_path / "none.set")
+def test_events_near_the_ends_are_no_epochs(folder, planted):
+    signal, events = planted
+    n = signal.shape[1]
+    writers.fif(folder / "sub-01_eeg.fif", signal, [(10, "error"), *events, (n - 200, "correct")])
+    before = Preprocessing(reference="recorded", before=0.2)
+    status = load_events(folder, "01", before)["status"].tolist()
+    assert status == ["past the end"] + ["kept"] * 30 + ["past the end"]
+    assert load_epochs(folder, "01", before).tmin == pytest.approx(-0.2, abs=0.01)
 
 
-@pytest.mark.parametrize("content", [b"", b"<html>", "half"])
-def test_a_set_that_is_not_one_is_refused(tmp_path, content):
-    path = write(tmp_path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2] if content == "half" else content)
-    with pytest.raises(ValueError, match=r"s02_cursor\.set is not a readable continuous EEGLAB"):
-        formats.read_eeglab(path)
+def test_an_offset_is_filtered_where_that_can_be_done(folder, planted):
+    signal, events = planted
+    writers.fif(folder / "sub-01_eeg.fif", signal, events)
+    clean = load_epochs(folder, "01", NAMED).get_data()
+    writers.fif(folder / "sub-01_eeg.fif", signal + 5000, events)
+    np.testing.assert_allclose(load_epochs(folder, "01", NAMED).get_data(), clean, atol=1e-7)
 
 
-def test_a_matlab_file_of_something_else_is_refused(tmp_path):
-    scipy.io.savemat(tmp_path / "x.set", {"weights": 1.0})
-    with pytest.raises(ValueError, match=r"x\.set is not a readable continuous EEGLAB"):
-        formats.read_eeglab(tmp_path / "x.set")
+def test_a_later_change_is_not_served_from_the_cache(folder, planted):
+    signal, events = planted
+    writers.fif(folder / "sub-01_eeg.fif", signal, events)
+    first = load_epochs(folder, "01", NAMED)
+    other = signal[:4]
+    writers.fif(folder / "sub-02_eeg.fif", other, events, writers.NAMES[:4])
+    assert load_epochs(folder, "01", NAMED).ch_names == first.ch_names[:4], "others decide, too"
 
 
-def test_an_epoched_set_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"s02_cursor\.set .* number of trials is 5"):
-        formats.read_eeglab(write(tmp_path, trials=5.0))
+@pytest.mark.parametrize("name", ["sub-01_eeg.set", "sub-01_eeg.vhdr"])
+def test_a_missing_companion_is_named(folder, planted, name):
+    FORMATS[name][0](folder / name, *planted)
+    other = {"set": ".fdt", "vhdr": ".eeg"}[name.split(".")[1]]
+    (folder / name).with_suffix(other).unlink()
+    with pytest.raises(FileNotFoundError, match=rf"{name} is not complete \(.*{other}"):
+        load_epochs(folder, "01", NAMED)
 
 
-def test_nan_is_refused_with_its_channel_and_time(tmp_path):
-    values = data()
-    values[1, 128] = np.nan
-    with pytest.raises(ValueError, match=r"NaN or infinite, the first in channel Fz at 0\.500 s"):
-        formats.read_eeglab(write(tmp_path, data=values))
-
-
-def test_a_missing_channel_is_refused(tmp_path, monkeypatch):
-    names = ["A1" if name == "Cz" else name for name in hri.CHANNELS]
-    path = write(tmp_path, chanlocs=labels(*names))
-    monkeypatch.setattr(recordings, "recording_path", lambda eeg, subject: path)
-    with pytest.raises(ValueError, match=r"s02_cursor\.set: channel Cz is missing"):
-        recordings.read_recording("hri", "s02")
-
-
-@pytest.mark.parametrize("eeg", ["simulated", "hri"])
-def test_an_unknown_subject_is_refused(eeg):
-    with pytest.raises(ValueError, match=r"unknown subject 's01' .* s02, s03"):
-        recordings.recording_path(eeg, "s01")
-
-
-# A folder of epochs
-
-
-def epochs_file(folder, name, labels, channels=("Cz", "Fz", "EOG"), events=None, **layout):
-    layout = {"sfreq": 200.0, "tmin": -0.1, "n_times": 141} | layout
-    types = ["eog" if "EOG" in channel else "eeg" for channel in channels]
-    info = mne.create_info(list(channels), layout["sfreq"], types)
-    values = np.array([[hash_of(channel) for channel in channels]] * len(labels), float)
-    values = np.repeat(values[:, :, None], layout["n_times"], axis=2) * 1e-6
-    onsets = np.arange(len(labels))
-    array = np.column_stack([onsets, 0 * onsets, np.array(labels) + 1])
-    events = events or {"correct": 1, "error": 2}
-    present = {key: code for key, code in events.items() if code in array[:, 2]}
+def test_a_missing_part_of_a_split_file_is_named(folder):
     epochs = mne.EpochsArray(
-        values, info, array, tmin=layout["tmin"], event_id=present, verbose="error"
+        np.random.default_rng(0).normal(0, 1e-5, (300, 5, 500)),
+        mne.create_info(list(writers.NAMES), 100.0, "eeg"),
+        np.column_stack([np.arange(300), np.zeros(300, int), np.arange(300) % 2 + 1]),
+        event_id={"correct": 1, "error": 2},
+        verbose="error",
     )
-    epochs.save(folder / name, verbose="error")
+    epochs.save(folder / "sub-01_epo.fif", split_size="2MB", verbose="error")
+    (recording,), _ = find(folder)
+    assert len(recording.files) > 2 and len(load_epochs(folder, "01", NAMED)) == 300
+    recording.files[-1].unlink()
+    with pytest.raises(FileNotFoundError, match=r"sub-01_epo\.fif is not complete"):
+        load_epochs(folder, "01", NAMED)
 
 
-def hash_of(channel):
-    return sum(channel.encode())
+@pytest.mark.parametrize("ending", ["fif", "fif.gz", "set", "vhdr", "edf", "bdf", "gdf"])
+def test_a_damaged_file_is_named(folder, ending):
+    (folder / f"sub-01_eeg.{ending}").write_bytes(b"<html>")
+    with pytest.raises(ValueError, match=rf"sub-01_eeg\.{ending} cannot be read as \.{ending}"):
+        load_epochs(folder, "01", NAMED)
 
 
-def test_sessions_are_joined_and_channels_matched_by_name(tmp_path):
-    epochs_file(tmp_path, "sub-07_ses-01_epo.fif", [0, 0])
-    epochs_file(tmp_path, "sub-07_ses-02_epo.fif", [1, 0, 1], channels=("EOG", "Fz", "Cz"))
-    epochs_file(tmp_path, "sub-11_epo.fif", [1, 0])
-    (tmp_path / "notes.txt").write_text("not EEG")
-    assert recordings.source_subjects(tmp_path) == ["07", "11"]
-    epochs = formats.read_folder_epochs(tmp_path, "07")
-    assert epochs.ch_names == ["Cz", "Fz", "EOG"]
-    assert epochs.tmin == pytest.approx(-0.1)
-    assert epochs.metadata["label"].tolist() == [0, 0, 1, 0, 1]
-    assert epochs.metadata["session"].tolist() == ["01", "01", "02", "02", "02"]
-    for channel in epochs.ch_names:
-        np.testing.assert_allclose(epochs.get_data(channel), hash_of(channel) * 1e-6, rtol=1e-6)
+def test_nan_is_refused_with_its_channel_and_time(folder, planted):
+    signal, events = planted
+    signal = signal.copy()
+    signal[1, 64] = np.nan
+    writers.brainvision(folder / "sub-01_eeg.vhdr", signal, events)
+    with pytest.raises(ValueError, match=r"vhdr: 1 samples .* channel Cz at 0\.500 s"):
+        load_epochs(folder, "01", NAMED)
 
 
-def test_electrodes_get_the_position_of_their_name_and_keep_their_own(tmp_path):
-    epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
-    info = formats.read_folder_epochs(tmp_path, "01").info
-    found = info.get_montage().get_positions()["ch_pos"]
-    assert found["Fz"][1] > found["Cz"][1] + 0.03
-    own = {"Cz": (0.0, 0.01, 0.1), "Fz": (0.0, 0.07, 0.08)}
-    epochs = mne.read_epochs(tmp_path / "sub-01_epo.fif", verbose="error")
-    epochs.set_montage(mne.channels.make_dig_montage(own, coord_frame="head"), on_missing="ignore")
-    epochs.save(tmp_path / "sub-01_epo.fif", overwrite=True, verbose="error")
-    info = formats.read_folder_epochs(tmp_path, "01").info
-    np.testing.assert_allclose(info["chs"][0]["loc"][:3], own["Cz"], atol=1e-6)
+@pytest.mark.parametrize("kind, said", [("misc", "Fz \\(misc\\)"), ("ecog", "Fz \\(ecog\\)")])
+def test_a_file_without_eeg_is_named_with_what_it_has(folder, planted, kind, said):
+    signal, events = planted
+    writers.fif(folder / "sub-01_eeg.fif", signal, events, types=kind)
+    with pytest.raises(ValueError, match=rf"sub-01_eeg\.fif has no EEG channel, it has {said}"):
+        load_epochs(folder, "01", NAMED)
 
 
-def test_event_names_are_configurable_and_others_left_out(tmp_path):
-    names = {"hit": 1, "miss": 2, "rest": 3}
-    epochs_file(tmp_path, "sub-01_epo.fif", [0, 1, 2, 1], events=names)
-    epochs = formats.read_folder_epochs(tmp_path, "01", ("hit", "miss"))
-    assert epochs.metadata["label"].tolist() == [0, 1, 1]
+def test_a_slow_recording_is_refused(folder, planted):
+    signal, events = planted
+    writers.fif(folder / "sub-01_eeg.fif", signal, events, sfreq=20)
+    with pytest.raises(ValueError, match=r"sub-01_eeg\.fif is sampled at 20 Hz; at least 50 Hz"):
+        load_epochs(folder, "01", NAMED)
 
 
-def test_a_subject_without_one_class_is_refused(tmp_path):
-    epochs_file(tmp_path, "sub-01_epo.fif", [0, 0])
-    with pytest.raises(ValueError, match=r"subject 01 has no epoch of the event 'error'"):
-        formats.read_folder_epochs(tmp_path, "01")
+def test_epochs_and_recordings_do_not_mix(folder, planted):
+    writers.fif(folder / "sub-01_eeg.fif", *planted)
+    values = np.random.default_rng(0).normal(0, 5, (20, 5, 100))
+    writers.eeglab_epochs(folder / "sub-02_eeg.set", values, ["error", "correct"] * 10)
+    with pytest.raises(ValueError, match=r"sub-01_eeg.fif is a .*, .*sub-02_eeg.set holds epochs"):
+        load_epochs(folder, "01", NAMED)
 
 
-def test_an_unknown_subject_of_a_folder_is_refused(tmp_path):
-    epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
-    with pytest.raises(ValueError, match=r"unknown subject '02' .* choose one of 01"):
-        formats.read_folder_epochs(tmp_path, "02")
+def test_a_file_is_opened_with_its_projectors_unapplied(folder, planted):
+    signal, events = planted
+    raw = writers.raw_of(signal, events).set_eeg_reference(projection=True, verbose="error")
+    raw.save(folder / "sub-01_eeg.fif", verbose="error")
+    common = load_epochs(folder, "01", NAMED).get_data().mean(axis=1)
+    assert np.abs(common).max() > 1e-6
+    (note,) = overview.notes(folder)
+    assert note.startswith("projectors that files hold but don't apply are not applied: sub-01")
+    assert formats.header(find(folder)[0][0]).unapplied == ("Average EEG reference",)
 
 
-@pytest.mark.parametrize("layout", [{"sfreq": 250.0}, {"tmin": 0.0}, {"n_times": 100}])
-def test_sessions_of_another_layout_are_refused(tmp_path, layout):
-    epochs_file(tmp_path, "sub-01_ses-1_epo.fif", [0, 1])
-    epochs_file(tmp_path, "sub-01_ses-2_epo.fif", [0, 1], **layout)
-    with pytest.raises(ValueError, match=r"ses-2_epo\.fif: sampling rate, window start"):
-        formats.read_folder_epochs(tmp_path, "01")
-
-
-def test_a_session_that_lacks_a_channel_is_refused(tmp_path):
-    epochs_file(tmp_path, "sub-01_ses-1_epo.fif", [0, 1])
-    epochs_file(tmp_path, "sub-01_ses-2_epo.fif", [0, 1], channels=("Cz", "EOG"))
-    with pytest.raises(ValueError, match=r"ses-2_epo\.fif: channel Fz is missing"):
-        formats.read_folder_epochs(tmp_path, "01")
-
-
-def test_a_damaged_epochs_file_is_named(tmp_path):
-    epochs_file(tmp_path, "sub-01_epo.fif", [0, 1])
-    path = tmp_path / "sub-01_epo.fif"
-    path.write_bytes(path.read_bytes()[:2000])
-    with pytest.raises(ValueError, match=r"sub-01_epo\.fif cannot be read"):
-        formats.read_folder_epochs(tmp_path, "01")
-
-
-def test_a_folder_without_epochs_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="holds no file named sub-XX"):
-        recordings.source_subjects(tmp_path)
-
-
-def test_a_folder_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"'simulated', 'hri', or a folder"):
-        recordings.source_subjects(tmp_path / "none")
+def test_names_of_edf_may_begin_with_their_type(folder, planted):
+    signal, events = planted
+    names = [f"EEG {name}" for name in writers.NAMES]
+    writers.edf(folder / "sub-01_eeg.edf", signal, numbered(events), names)
+    assert load_epochs(folder, "01", NUMBERED).ch_names == list(writers.NAMES)

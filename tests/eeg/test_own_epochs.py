@@ -1,4 +1,4 @@
-"""Epochs of one's own, from the command line to p(error): event names, a leak and its remedy."""
+"""EEG of one's own, from the command line to p(error): event names, a leak and its remedy."""
 
 import mne
 import numpy as np
@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from rlihf_lib.__main__ import main
+from tests.eeg import writers
 
 
 def with_label(epochs):
@@ -39,3 +40,25 @@ def test_a_folder_of_ones_own_is_decoded_by_the_command(make_epochs, tmp_path, m
     assert table.groupby("subject").size().to_dict() == {"03": 120, "07": 60, "09": 60}
     assert pd.read_csv(decoder / "scores.csv")["auroc"].mean() > 0.8
     assert np.isfinite(table["p_error"]).all()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_recordings_of_ones_own_are_shown_by_the_command(tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    for number in (1, 2, 3):
+        signal, events = writers.planted(number, 40, amplitude=4.0)
+        inside = tmp_path / "mine" / f"sub-{number:02d}" / "eeg"
+        inside.mkdir(parents=True)
+        writers.brainvision(inside / f"sub-{number:02d}_task-errp_eeg.vhdr", signal, events)
+    (tmp_path / "mine" / "derivatives").mkdir()
+    folders = ["--eeg", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
+    command = ["--profile", "smoke", *folders]
+    assert main([*command, "--list"]) == 0
+    told = capfd.readouterr().out
+    assert "3 people, 3 sessions, 3 recordings" in told and "Stimulus/error" in told
+    command += ["--events", "correct", "error", "--workers", "1", "--only", "01"]
+    assert main(command) == 0, capfd.readouterr().err
+    tables = tmp_path / "out" / "results" / "smoke-mine" / "tables"
+    assert pd.read_csv(tables / "trial_counts.csv")["error"].tolist() == [14] * 3
+    assert pd.read_csv(tables / "spectra.csv")["frequency"].max() == 60
+    assert pd.read_csv(tables / "classical.csv")["auroc"].mean() > 0.8

@@ -190,8 +190,8 @@ def test_an_unknown_reference_is_refused():
 
 def folder(tmp_path, sfreq, n_times, name="sub-01_epo.fif", events=("correct", "error")):
     info = mne.create_info(["Cz", "Fz", "EOG"], sfreq, ["eeg", "eeg", "eog"])
-    values = np.random.default_rng(0).normal(0, 1e-5, (6, 3, n_times))
-    array = np.column_stack([np.arange(6), np.zeros(6, int), [1, 2] * 3])
+    values = np.random.default_rng(0).normal(0, 1e-5, (12, 3, n_times))
+    array = np.column_stack([np.arange(12), np.zeros(12, int), [1, 2] * 6])
     names = dict(zip(events, (1, 2), strict=True))
     epochs = mne.EpochsArray(values, info, array, tmin=-0.1, event_id=names, verbose="error")
     epochs.save(tmp_path / name, fmt="double", verbose="error")
@@ -203,8 +203,8 @@ def test_short_epochs_keep_their_window_rate_and_band(tmp_path):
     epochs = load_epochs(path, "01", Preprocessing(reference="recorded"))
     assert (epochs.info["sfreq"], epochs.tmin) == (200.0, pytest.approx(-0.1))
     np.testing.assert_array_equal(epochs.get_data(), values)
-    assert epochs.metadata["epoch"].tolist() == list(range(6))
-    assert epochs.metadata["label"].tolist() == [0, 1] * 3
+    assert epochs.metadata["epoch"].tolist() == list(range(12))
+    assert epochs.metadata["label"].tolist() == [0, 1] * 6
 
 
 def test_long_epochs_are_filtered_and_fast_ones_resampled(tmp_path):
@@ -227,8 +227,9 @@ def test_the_decoder_reads_events_of_any_name(tmp_path):
 
 def test_epochs_of_a_folder_are_not_a_stream(tmp_path):
     path, _ = folder(tmp_path, 200.0, 141)
-    with pytest.raises(ValueError, match="holds epochs, not continuous data"):
-        load_continuous(path, "01")
+    for load in (load_continuous, load_events):
+        with pytest.raises(ValueError, match="holds epochs, not continuous data"):
+            load(path, "01")
 
 
 @pytest.mark.skipif(not NER.is_dir(), reason=f"{NER} is not here (RLIHF_NER2015)")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rlihf_lib.eeg import formats, head, hri, simulated
+from rlihf_lib.eeg import eeglab, head, hri, simulated
 from rlihf_lib.eeg.head import lead_field
 from rlihf_lib.files import sha256
 
@@ -31,7 +31,7 @@ def test_one_seed_gives_bit_identical_files(tmp_path):
 
 def test_reading_gives_back_exactly_what_was_generated():
     data, events = simulated.simulate("s03")
-    raw = formats.read_eeglab(simulated.recording("s03"))
+    raw = eeglab.read_eeglab(simulated.recording("s03"))
     np.testing.assert_array_equal(raw.get_data(), data.astype(float) * 1e-6)
     assert raw.ch_names == list(hri.CHANNELS)
     assert list(raw.annotations.description) == [name for _, name in events]
