@@ -215,10 +215,12 @@ class Study:
         from rlihf_lib.rl.sweep import CPU_COUNT  # imports Dask, so only when asked
 
         folds = len(list((self.decoder / "folds").glob("*/")))
-        if (self.decoder / "p_error.csv").is_file():
+        n_people = N_PEOPLE
+        if self.is_table or (self.decoder / "p_error.csv").is_file():
             folds, missing = self.p_error()["subject"].nunique(), 0
         else:
-            missing = max((self.profile.n_subjects or N_PEOPLE) - folds, 1)
+            n_people = N_PEOPLE if self.eeg in EEG_SOURCES else len(self.subjects())
+            missing = max(min(self.profile.n_subjects or n_people, n_people) - folds, 1)
         rows = [("02_loso_decoder", folds, missing, missing * SECONDS_PER_FOLD)]
         per_run = self._seconds_per_step() * self.profile.total_steps
         counted: set[RunConfig] = set()
@@ -227,7 +229,7 @@ class Study:
             try:
                 configs = self.run_configs(stage)
             except FileNotFoundError:  # the decoder says later who the policy subjects are
-                done, missing = 0, self.profile.n_runs(stage, N_PEOPLE)
+                done, missing = 0, self.profile.n_runs(stage, n_people)
                 new = missing
                 if stage == "ablation":  # those at the main weight are counted already
                     new -= missing // len(self.profile.weights)

@@ -75,9 +75,11 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
         signals, labels, width = _window(subject, cohort[subject], settings)
         means, each = averaged(signals, width), covariances(signals)
         fold = np.arange(len(labels)) * N_FOLDS // len(labels)
-        decision = np.empty(len(labels))
+        decision = np.zeros(len(labels))
         for k in range(N_FOLDS):
             train = fold != k
+            if len(np.unique(labels[train])) < 2:
+                continue  # nothing to learn from: undecided
             x = _flat(inverse_root(each[train].mean(axis=0)) @ means)
             decision[~train] = _decide(x[train], labels[train], x[~train])
         rows.append(_score(subject, decision, labels))

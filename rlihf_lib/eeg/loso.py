@@ -40,7 +40,7 @@ _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a s
 def recorded_cohort(eeg, subjects, events=("correct", "error"), drop_channels=()) -> Cohort:
     """The epochs that are decoded: preprocessed, in the reference they were recorded with.
 
-    `events`, names of correct and error, and `drop_channels` are for a folder of epochs.
+    `events`, names of correct and error, and `drop_channels` are for a folder of one's own.
 
     Notes
     -----
