@@ -13,6 +13,7 @@ import pandas as pd
 from rlihf_lib.eeg import hri, recordings
 from rlihf_lib.eeg.formats import labelled_epochs, read_folder_epochs
 from rlihf_lib.eeg.hri import CORRECT, FEEDBACKS, HUMAN_ERROR, MACHINE_ERROR
+from rlihf_lib.eeg.streaming import CausalFilter
 from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
@@ -29,6 +30,7 @@ class Preprocessing:
     #: Band of the paper, Hz. Zero-phase FIR (MNE's `firwin` design, Hamming window, 3.3 s long).
     l_freq: float = 1.0
     h_freq: float = 20.0
+    phase: str = "zero"  # or "minimum", as a live stream is filtered (`streaming.CausalFilter`)
     reference: str = "average"  # of the EEG channels; "recorded" keeps the recording's
     sfreq: float = 256.0  # Hz; recordings above it are resampled, those below stay as they are
     #: Window from the feedback onset on, s. There is no baseline correction: the 1-Hz high-pass has
@@ -46,6 +48,8 @@ class Preprocessing:
             raise ValueError(
                 f"reference {self.reference!r} is unknown; choose 'average' or 'recorded'"
             )
+        if self.phase not in ("zero", "minimum"):
+            raise ValueError(f"phase {self.phase!r} is unknown; choose 'zero' or 'minimum'")
 
 
 @dataclass(frozen=True)
@@ -132,7 +136,8 @@ def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawA
     """
     if recordings.is_folder(eeg):
         raise ValueError(f"{eeg} holds epochs, not continuous data; choose 'simulated' or 'hri'")
-    raw = _filtered(eeg, subject, settings.l_freq, settings.h_freq, _content(eeg, subject)).copy()
+    band = settings.l_freq, settings.h_freq
+    raw = _filtered(eeg, subject, band, settings.phase, _content(eeg, subject)).copy()
     events = _feedback_events(raw).assign(subject=subject, session=eeg)
     _resample_and_reference(raw, settings)
     # Single precision, far below the noise, so that what a file holds equals what memory holds.
@@ -150,9 +155,12 @@ def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawA
 
 
 @lru_cache(maxsize=1)  # the same recording is cut in several ways, one after the other
-def _filtered(eeg, subject, l_freq, h_freq, content):
+def _filtered(eeg, subject, band, phase, content):
     raw = recordings.read_recording(eeg, subject)
-    return raw.filter(l_freq, h_freq, picks=["eeg", "eog"], verbose="error")
+    if phase == "zero":
+        return raw.filter(*band, picks=["eeg", "eog"], verbose="error")
+    rate = raw.info["sfreq"]
+    return raw.apply_function(lambda x: CausalFilter(band, rate)(x[None])[0], ["eeg", "eog"])
 
 
 def _content(eeg, subject):
@@ -205,6 +213,8 @@ def _cache(eeg, subject, settings):
     """The file of a subject's cached epochs."""
     used = asdict(settings)
     del used["drop_channels"]  # says nothing of recordings, whose cached epochs stay good
+    if settings.phase == "zero":
+        del used["phase"]  # as it was before there were others
     key = sha256(canonical_json([_VERSION, eeg, subject, _content(eeg, subject), used]))[:16]
     return hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
 
@@ -228,6 +238,8 @@ def _cached(eeg, subject, settings):
 
 
 def _folder_epochs(eeg, subject, settings):
+    if settings.phase != "zero":
+        raise ValueError(f"{eeg} holds epochs; a causal filter needs a continuous recording")
     names = (settings.correct_event, settings.error_event)
     epochs = read_folder_epochs(eeg, subject, names, settings.drop_channels)
     info, band = epochs.info, []
