@@ -43,8 +43,20 @@ def _worker_count(text):
     return int(text)
 
 
+def _live(argv):
+    try:
+        from rlihf_lib.eeg.lsl import main
+    except ModuleNotFoundError as missing:
+        print(f"rlihf_lib: {missing}", file=sys.stderr)
+        return 1
+    return main(argv)
+
+
 def main(argv=None) -> int:
     """Run the command line; return the exit status."""
+    argv = sys.argv[1:] if argv is None else argv
+    if argv[:1] == ["live"]:
+        return _live(argv[1:])
     command = parser()
     options = command.parse_args(argv)
     if not NOTEBOOKS.is_dir():
