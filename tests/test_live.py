@@ -4,6 +4,7 @@ import dataclasses
 import io
 import sys
 import threading
+import time
 
 import mne
 import numpy as np
@@ -126,6 +127,17 @@ def test_a_person_without_an_answer_is_an_error(monkeypatch):
     with pytest.raises(TimeoutError, match=r"from 'silent' within 0.2 s; is .* live` running"):
         Person("silent", "asked")(0)
     assert silent.name == "silent"
+
+
+def test_a_moment_is_asked_once(monkeypatch):
+    """When an episode ends, feedback is asked a hundred times at once (`rl.rewards`)."""
+    streams()
+    monkeypatch.setattr("rlihf_lib.live.HOLD", 0.2)
+    asked, person = [], Person("silent", "asked")
+    person.ask = lambda stamp: asked.append(stamp) or 0.1 * len(asked)
+    assert [person(epoch) for epoch in range(100)] == [0.1] * 100
+    time.sleep(0.25)
+    assert person(0) == 0.2 and len(asked) == 2
 
 
 def test_without_mne_lsl_the_command_says_what_to_install(monkeypatch, capsys):

@@ -71,17 +71,17 @@ def features(
 def by_window(cohort, settings=DEFAULTS, spatial=whitening, ends=ENDS) -> pd.DataFrame:
     """Decode every subject as `across_subjects` does, in windows that end earlier and earlier.
 
-    What an earlier answer costs. Columns are subject, window (its end, one of `ends`) and auroc.
-    The means of a shorter window are the first of a longer one's, and so are their moments, of
-    which classifiers are made in a tenth of the time that scikit-learn needs. Spatial filters are
-    those of the longest window.
+    What an earlier answer costs. Columns are subject, window (its end, one of `ends` that the
+    epochs reach) and auroc. The means of a shorter window are the first of a longer one's, and so
+    are their moments, of which classifiers are made in a tenth of the time that scikit-learn needs.
+    Spatial filters are those of the longest window.
     """
     people = {}
     for subject in cohort:
         signals, labels, width = _window(subject, cohort[subject], settings)
         means = _flat((spatial(signals) @ averaged(signals, width)).transpose(0, 2, 1))
-        classes = (means[labels == label] for label in (0, 1))
-        people[subject] = [(x, x.sum(axis=0), x.T @ x) for x in classes]
+        split = (means[labels == label] for label in (0, 1))
+        people[subject] = [(x, x.sum(axis=0), x.T @ x) for x in split]
     n_channels, rate = signals.shape[1], cohort[subject].info["sfreq"]
     rows = []
     for fold in leave_one_subject_out(list(cohort)):
@@ -93,6 +93,8 @@ def by_window(cohort, settings=DEFAULTS, spatial=whitening, ends=ENDS) -> pd.Dat
         for end in ends:
             n_means = round((end - settings.window[0]) * rate) // width
             size = n_means * n_channels
+            if size > test.shape[1]:
+                continue
             covariance = sum(
                 count / n * _shrunk(square[:size, :size], fourth[n_means - 1], count)
                 for count, _, square, fourth in classes

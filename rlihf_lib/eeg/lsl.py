@@ -83,7 +83,9 @@ class LiveDecoder:
         self._volts = _volts(info.get_channel_units() or [""] * len(names), names, layout, say)
         self._events, self._markers, self._codes = tuple(events), None, None
         if not trigger:
-            self._markers, _ = connect(markers)
+            self._markers, told = connect(markers)
+            if told.dtype != "string":
+                raise ValueError(f"the LSL stream {markers!r} has no words; markers are strings")
         elif trigger not in names or not all(event.lstrip("-").isdigit() for event in events):
             raise ValueError(
                 f"events {', '.join(events)} of the channel {trigger!r}: they are numbers, and the "

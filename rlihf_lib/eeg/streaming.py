@@ -29,14 +29,14 @@ class CausalFilter:
     def __init__(self, band, sfreq):
         edges = zip(ORDERS, band, ("highpass", "lowpass"), strict=True)
         self._sos = np.vstack([butter(*edge, fs=sfreq, output="sos") for edge in edges])
-        self._last = self._state = None
+        self._last, self._state = np.empty(0), np.empty(0)
 
     def __call__(self, chunk) -> np.ndarray:
         """Filter samples, shape (n_channels, any n)."""
         chunk = np.where(np.isfinite(chunk), chunk, np.nan)
         if not chunk.size:
             return chunk.astype(np.float32)
-        if self._state is None:
+        if not self._state.size:
             self._last = np.nan_to_num(chunk[:, :1])
             self._state = sosfilt_zi(self._sos)[:, None] * self._last
         held = np.hstack([self._last, chunk])

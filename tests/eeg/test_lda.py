@@ -82,7 +82,8 @@ def test_the_whole_window_is_scored_as_ever_and_one_before_the_response_is_chanc
 
 def test_a_shorter_window_is_scored_as_if_there_were_no_more():
     data = {f"{seed}": epochs(seed, 0.7) for seed in range(4)}
-    table = lda.by_window(data, spatial=no_filter, ends=(0.4, 1.0))
+    table = lda.by_window(data, spatial=no_filter, ends=(0.4, 1.0, 1.2))
+    assert table["window"].unique().tolist() == [0.4, 1.0], "there is nothing after 1 s"
     alone = across(data, settings=replace(DEFAULTS, window=(0.0, 0.4)), spatial=no_filter)
     np.testing.assert_allclose(table.query("window == 0.4")["auroc"], alone["auroc"], atol=1e-12)
 

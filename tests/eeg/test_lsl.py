@@ -200,6 +200,13 @@ def test_a_stream_that_does_not_fit_is_refused(names, stream, message):
     assert amplifier.n_sent == 0
 
 
+def test_markers_that_are_no_words_are_refused(names):
+    amplifier = Amplifier(names[0], CHANNELS, RATE)
+    with pytest.raises(ValueError, match=f"'{names[0]}' has no words; markers are strings"):
+        lsl.LiveDecoder(make_decoder(), names[0], ["go"], markers=names[0])
+    assert amplifier.n_sent == 0
+
+
 def test_a_stream_that_is_not_there_is_refused_and_those_that_are_are_named(names, monkeypatch):
     monkeypatch.setattr(lsl, "WAIT", 0.3)
     amplifier = Amplifier(names[0], CHANNELS, RATE)
