@@ -58,9 +58,21 @@ def _terminate(*_):
     raise Terminated
 
 
+def _live(argv):
+    try:
+        from rlihf_lib.eeg.lsl import main
+    except ModuleNotFoundError as missing:
+        print(f"rlihf_lib: {missing}", file=sys.stderr)
+        return 1
+    return main(argv)
+
+
 def main(argv=None) -> int:
     """Run the command line; return the exit status."""
     signal.signal(signal.SIGTERM, _terminate)
+    argv = sys.argv[1:] if argv is None else argv
+    if argv[:1] == ["live"]:
+        return _live(argv[1:])
     command = parser()
     options = command.parse_args(argv)
     if not NOTEBOOKS.is_dir():

@@ -2,17 +2,21 @@
 
 import dataclasses
 import io
+import sys
+import threading
+import time
 
 import mne
 import numpy as np
 import pandas as pd
 import pytest
 
+from rlihf_lib.__main__ import main
 from rlihf_lib.eeg.fitting import DecoderSettings
 from rlihf_lib.eeg.loso import load_decoder, recorded_cohort, run_loso
 from rlihf_lib.eeg.signals import SubjectEpochs
 from rlihf_lib.eeg.streaming import LiveFeedback
-from rlihf_lib.live import train_live
+from rlihf_lib.live import FEEDBACK, Person, train_live
 from rlihf_lib.rl.feedback import p_error_sha256
 from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.rl.training import train_run
@@ -67,3 +71,78 @@ def test_live_run_is_the_run_from_the_table(study):
     for file in ("train.csv", "eval.csv", "actor.safetensors"):
         assert decoded[file] == looked_up[file]
     assert pd.read_csv(io.BytesIO(decoded["train.csv"]))["return"].gt(0).any()
+
+
+def streams():
+    """The module of streams, and an amplifier's class, where mne-lsl is installed."""
+    amplifier = pytest.importorskip("tests.eeg.amplifier")
+    return pytest.importorskip("rlihf_lib.eeg.lsl"), amplifier.Amplifier
+
+
+def test_a_closed_loop_through_lsl_is_the_run_from_the_table(study):
+    """Amplifier, decoder and policy talk by LSL alone; the decoder works in a thread of its own."""
+    lsl, amplifier_of = streams()
+    table = study.p_error()
+    subject = table["subject"].iloc[0]
+    decoder = load_decoder(study.decoder, subject)
+    layout, cohort = decoder.input_format, recorded_cohort(study.eeg, study.subjects())
+    held_out = SubjectEpochs.from_mne(subject, cohort[subject])
+    epochs = dict(zip(held_out.index, layout.pick(held_out), strict=True))
+    amplifier = amplifier_of("cap", layout.channels, layout.sfreq)
+
+    class Played(Person):
+        def __call__(self, epoch):
+            onset = amplifier.stamp(amplifier.n_sent)
+            amplifier.send(epochs[epoch])
+            return self.ask(onset)
+
+    person, done = Played("answers", "questions"), threading.Event()
+    decoding = lsl.LiveDecoder(decoder, "cap", [FEEDBACK], markers="questions", out="answers")
+
+    def decode():
+        while not done.is_set():
+            decoding.poll(0.001)
+
+    thread = threading.Thread(target=decode)
+    thread.start()
+    try:
+        silent = table.assign(p_error=0.5)
+        config, unheard = (
+            dataclasses.replace(CONFIG, subject=subject, p_error_sha256=p_error_sha256(t, subject))
+            for t in (table, silent)
+        )
+        decoded = train_run(unheard, silent, decode=person)
+    finally:
+        done.set()
+        thread.join()
+    looked_up = train_run(config, table)
+    for file in ("train.csv", "eval.csv", "actor.safetensors"):
+        assert decoded[file] == looked_up[file]
+
+
+def test_a_person_without_an_answer_is_an_error(monkeypatch):
+    lsl, _ = streams()
+    monkeypatch.setattr("rlihf_lib.live.WAIT", 0.2)
+    silent = lsl.StreamOutlet(lsl.StreamInfo("silent", "p(error)", 2, 0, "float64", "silent"))
+    with pytest.raises(TimeoutError, match=r"from 'silent' within 0.2 s; is .* live` running"):
+        Person("silent", "asked")(0)
+    assert silent.name == "silent"
+
+
+def test_a_moment_is_asked_once(monkeypatch):
+    """When an episode ends, feedback is asked a hundred times at once (`rl.rewards`)."""
+    streams()
+    monkeypatch.setattr("rlihf_lib.live.HOLD", 0.2)
+    asked, person = [], Person("silent", "asked")
+    person.ask = lambda stamp: asked.append(stamp) or 0.1 * len(asked)
+    assert [person(epoch) for epoch in range(100)] == [0.1] * 100
+    time.sleep(0.25)
+    assert person(0) == 0.2 and len(asked) == 2
+
+
+def test_without_mne_lsl_the_command_says_what_to_install(monkeypatch, capsys):
+    for name in ("mne_lsl", "mne_lsl.lsl"):
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "rlihf_lib.eeg.lsl", raising=False)
+    assert main(["live", "--stream", "cap"]) == 1
+    assert "needs mne-lsl; install it with: pip install '.[live]'" in capsys.readouterr().err

@@ -20,15 +20,17 @@ class Decoder:
     """EEGNets with one temperature; `prior` is the fraction of errors in their training pool.
 
     Where there is a `linear` decoder beside them, weights (n_channels, k) of `InputFormat.means`
-    and a `bias`, its log-odds are added to theirs (`stacking`).
+    and a `bias`, its log-odds are added to theirs (`stacking`). A decoder for live use knows the
+    `band`, Hz, of the causal filter (`streaming.CausalFilter`) that its training epochs went
+    through; None if they were filtered forward and backward.
     """
 
     def __init__(
         self, input_format: InputFormat, networks: EEGNetBatch, temperature=1.0, prior=0.5,
-        linear: np.ndarray | None = None, bias=0.0,
+        linear: np.ndarray | None = None, bias=0.0, band: tuple[float, float] | None = None,
     ):  # fmt: skip
         self.input_format = input_format
-        self.linear, self.bias = linear, bias
+        self.linear, self.bias, self.band = linear, bias, band
         # Double precision costs nothing at this size, and makes p the same in any batch and chunk.
         self.networks = networks.double().eval()
         self.temperature = temperature
@@ -44,20 +46,22 @@ class Decoder:
         """Logit of error minus logit of correct, the mean over the networks, shape (n,).
 
         Of preprocessed epochs in volts, shape (n, n_channels, n_times), channels as in
-        `input_format`. A ValueError says if the shape does not fit or a value is not finite.
+        `input_format`, or of no more of them than its window. A ValueError says if the shape does
+        not fit or a value is not finite.
         """
-        expected = (len(self.input_format.channels), self.input_format.n_times)
-        if signals.ndim != 3 or signals.shape[1:] != expected:
+        layout = self.input_format
+        n_channels, lengths = len(layout.channels), (layout.n_times, layout.stop - layout.start)
+        if signals.ndim != 3 or signals.shape[1] != n_channels or signals.shape[2] not in lengths:
             raise ValueError(
-                f"epochs of shape {signals.shape}; this decoder takes (n, {expected[0]} channels, "
-                f"{expected[1]} samples at {self.input_format.sfreq:g} Hz)"
+                f"epochs of shape {signals.shape}; this decoder takes (n, {n_channels} channels, "
+                f"{lengths[0]} samples at {layout.sfreq:g} Hz, or the {lengths[1]} it decodes)"
             )
         if not np.isfinite(signals).all():
             raise ValueError("NaN or infinity in the EEG; drop the epoch or repair the channel")
         logits = self.networks(self.inputs(signals))
         log_odds = (logits[..., 1] - logits[..., 0]).mean(0).numpy()
         if self.linear is not None:
-            log_odds += (self.input_format.means(signals) * self.linear).sum((1, 2)) + self.bias
+            log_odds += (layout.means(signals) * self.linear).sum((1, 2)) + self.bias
         return log_odds
 
     def p_error(self, signals) -> np.ndarray:
@@ -94,6 +98,8 @@ class Decoder:
         }
         if self.linear is not None:
             header["bias"] = self.bias
+        if self.band is not None:
+            header["band"] = self.band
         # Trained in single precision, so nothing is lost.
         tensors = {n: value.float().contiguous() for n, value in self.networks.state_dict().items()}
         if self.linear is not None:
@@ -116,7 +122,8 @@ class Decoder:
             networks = EEGNetBatch(architecture, range(len(tensors["dense_bias"])))
             networks.load_state_dict(tensors)
             told = header["temperature"], header["prior"], linear, header.get("bias", 0.0)
-            return cls(input_format, networks, *told)
+            band = header.get("band")
+            return cls(input_format, networks, *told, band and tuple(band))
         except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
             raise ValueError(
                 f"{path} is not a decoder of this library or is damaged ({error}); train it anew "

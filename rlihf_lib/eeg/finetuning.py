@@ -43,7 +43,7 @@ def fine_tune(decoder, signals, labels, n_steps=20, learning_rate=1e-4) -> Decod
         (F.cross_entropy(logits.flatten(0, 1), y) * networks.n_networks).backward()
         optimizer.step()
         networks.constrain()
-    rest = decoder.temperature, decoder.prior, decoder.linear, decoder.bias
+    rest = decoder.temperature, decoder.prior, decoder.linear, decoder.bias, decoder.band
     return Decoder(decoder.input_format, networks, *rest)
 
 

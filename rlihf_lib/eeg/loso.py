@@ -37,10 +37,13 @@ _VERSION = 1  # raise when the method changes in anything but its settings
 _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a small fold
 
 
-def recorded_cohort(eeg, subjects, events=("correct", "error"), drop_channels=()) -> Cohort:
+def recorded_cohort(
+    eeg, subjects, events=("correct", "error"), drop_channels=(), phase="zero"
+) -> Cohort:
     """The epochs that are decoded: preprocessed, in the reference they were recorded with.
 
-    `events`, names of correct and error, and `drop_channels` are for a folder of one's own.
+    `events`, names of correct and error, and `drop_channels` are for a folder of one's own; `phase`
+    is the filter's (`Preprocessing`).
 
     Notes
     -----
@@ -49,8 +52,23 @@ def recorded_cohort(eeg, subjects, events=("correct", "error"), drop_channels=()
     to 0.64. The paper says "re-referencing"; its recordings come referenced to linked mastoids.
     """
     names = dict(zip(("correct_event", "error_event"), events, strict=True))
-    settings = Preprocessing(reference="recorded", drop_channels=tuple(drop_channels), **names)
+    drop = tuple(drop_channels)
+    settings = Preprocessing(reference="recorded", drop_channels=drop, phase=phase, **names)
     return Cohort(eeg, tuple(subjects), settings)
+
+
+def train_decoder(cohort: Cohort, settings=DEFAULTS) -> Decoder:
+    """Train one decoder on everybody, two people at least, for somebody who is still to come.
+
+    Of a cohort with phase "minimum" it can decode a live stream (`lsl`). Errors as in `run_loso`.
+    """
+    data, _, input_format = _conditioned(cohort, settings)
+    people = ["newcomer", *cohort]
+    fold, *_ = leave_one_subject_out(people, settings.ensemble, settings.n_validation)
+    decoder, *_ = fit_fold(fold.training_pool(data), input_format, settings)
+    if cohort.settings.phase == "minimum":
+        decoder.band = cohort.settings.l_freq, cohort.settings.h_freq
+    return decoder
 
 
 def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> pd.DataFrame:

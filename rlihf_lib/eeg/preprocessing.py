@@ -12,6 +12,7 @@ import pandas as pd
 
 from rlihf_lib.eeg import hri, own, quality, recordings
 from rlihf_lib.eeg.formats import labelled_epochs
+from rlihf_lib.eeg.streaming import CausalFilter
 from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
@@ -27,6 +28,7 @@ class Preprocessing:
     #: Band of the paper, Hz. Zero-phase FIR (MNE's `firwin` design, Hamming window, 3.3 s long).
     l_freq: float = 1.0
     h_freq: float = 20.0
+    phase: str = "zero"  # or "minimum", as a live stream is filtered (`streaming.CausalFilter`)
     reference: str = "average"  # of the EEG channels; "recorded" keeps the recording's
     sfreq: float = 256.0  # Hz; recordings above it are resampled, those below stay as they are
     #: Window from the feedback onset on, s. There is no baseline correction: the 1-Hz high-pass has
@@ -44,6 +46,8 @@ class Preprocessing:
             raise ValueError(
                 f"reference {self.reference!r} is unknown; choose 'average' or 'recorded'"
             )
+        if self.phase not in ("zero", "minimum"):
+            raise ValueError(f"phase {self.phase!r} is unknown; choose 'zero' or 'minimum'")
 
     @property
     def events(self) -> tuple[str, str]:
@@ -114,6 +118,8 @@ def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
     """
     if recordings.is_continuous(eeg):
         return _cached(eeg, subject, settings)[0]
+    if settings.phase != "zero":
+        raise ValueError(f"{eeg} holds epochs; a causal filter needs a continuous recording")
     epochs = own.load_epochs(eeg, subject, settings)
     _resample(epochs, settings)
     return _reference(epochs, settings)
@@ -181,7 +187,7 @@ def _filtered(eeg, subject, settings, content):
         found = [(eeg, raw, hri.feedback_events(raw).assign(session=eeg))]
     filtered = []
     for path, raw, events in found:
-        raw.filter(settings.l_freq, settings.h_freq, picks=["eeg", "eog"], verbose="error")
+        _filter(raw, settings)
         _resample(raw, settings)
         events["sample"] = np.round(events["onset"] * raw.info["sfreq"]).astype(int)
         if own_files:
@@ -191,6 +197,14 @@ def _filtered(eeg, subject, settings, content):
             quality.require_eeg(whole, names, path, settings.reject)
         filtered.append((raw, events))
     return filtered
+
+
+def _filter(raw, settings):
+    band, rate = (settings.l_freq, settings.h_freq), raw.info["sfreq"]
+    if settings.phase == "zero":
+        raw.filter(*band, picks=["eeg", "eog"], verbose="error")
+    else:
+        raw.apply_function(lambda x: CausalFilter(band, rate)(x[None])[0], ["eeg", "eog"])
 
 
 def _find_artefacts(raw, events, settings):
@@ -232,6 +246,8 @@ def _cache(eeg, subject, settings):
     """The file of a subject's cached epochs."""
     used = asdict(settings)
     del used["drop_channels"]  # the content tells
+    if settings.phase == "zero":
+        del used["phase"]  # as it was before there were others
     content = recordings.content(eeg, subject, settings.drop_channels)
     key = sha256(canonical_json([_VERSION, str(eeg), subject, content, used]))[:16]
     return hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"

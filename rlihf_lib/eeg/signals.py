@@ -145,6 +145,11 @@ class InputFormat:
         """Sampling rate the networks see, Hz."""
         return self.sfreq / self.decimation
 
+    @property
+    def offset(self) -> int:
+        """Samples from the feedback to the first one that is decoded."""
+        return round(self.tmin * self.sfreq) + self.start
+
     def pick(self, epochs: SubjectEpochs) -> np.ndarray:
         """A subject's signals, shape (n, n_channels, n_times), channels in order by name.
 
@@ -164,6 +169,11 @@ class InputFormat:
             )
         return epochs.signals[:, [epochs.channels.index(name) for name in self.channels]]
 
+    def window(self, signals) -> np.ndarray:
+        """The samples that are decoded, (..., stop - start), of epochs, or of what is cut so."""
+        cut = signals.shape[-1] == self.stop - self.start
+        return signals if cut else signals[..., self.start : self.stop]
+
     def condition(self, signals) -> np.ndarray:
         """Cut the window, average neighbouring samples, in units of 10 µV: (n, n_channels, m).
 
@@ -177,4 +187,4 @@ class InputFormat:
         return self._cut(signals, round(STEP * self.sfreq))
 
     def _cut(self, signals, width):
-        return averaged(signals[..., self.start : self.stop].astype(np.float64), width) / UNIT
+        return averaged(self.window(signals).astype(np.float64), width) / UNIT

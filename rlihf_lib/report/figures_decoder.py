@@ -148,6 +148,18 @@ def online_update_figure(updates: pd.DataFrame) -> Figure:
     return fig
 
 
+def latency_figure(tables: dict[str, pd.DataFrame]) -> Figure:
+    """AUROC against when p(error) comes (name of a filter -> `lda.by_window`), in a panel each."""
+    fig, axes = plt.subplots(1, len(tables), figsize=(PAGE_WIDTH, 2.3), sharey=True, squeeze=False)
+    for ax, (name, table) in zip(axes[0], tables.items(), strict=True):
+        _subject_lines(table, ax, "window", "auroc")
+        ax.axhline(0.5, label="Chance", **REFERENCE)
+        ax.set(xlabel="p(error) comes after (s)", title=name)
+    axes[0, 0].set_ylabel("AUROC")
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return fig
+
+
 def _subject_lines(table: pd.DataFrame, ax: Axes, x: str, y: str) -> None:
     """Draw a line a subject, their mean and, where they are enough, its 95 % interval."""
     lines = table.pivot(index=x, columns="subject", values=y).loc[table[x].unique()]

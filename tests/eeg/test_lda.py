@@ -1,11 +1,14 @@
 """The classical decoder finds what is planted, nothing in noise, and uses no label it must not."""
 
+from dataclasses import replace
+
 import mne
 import numpy as np
 import pandas as pd
 import pytest
 
 from rlihf_lib.eeg import lda
+from rlihf_lib.eeg.fitting import DEFAULTS
 
 
 def epochs(seed, size, n=200):
@@ -24,8 +27,8 @@ def epochs(seed, size, n=200):
     )  # fmt: skip
 
 
-def across(data, **spatial):
-    return lda.across_subjects(data, **spatial).set_index("subject")
+def across(data, **told):
+    return lda.across_subjects(data, **told).set_index("subject")
 
 
 def within(data):
@@ -65,3 +68,25 @@ def test_within_a_subject_labels_of_a_test_fold_do_not_help():
     noise = epochs(0, 0.0)
     noise.events[:, 2] = 1 + np.repeat(np.arange(10) % 2, 20)
     assert within(noise)["auroc"] < 0.65
+
+
+@pytest.mark.parametrize("spatial", [lda.whitening, lda.scaling])
+def test_the_whole_window_is_scored_as_ever_and_one_before_the_response_is_chance(spatial):
+    data = {f"{seed}": epochs(seed, 1.0) for seed in range(4)}
+    table = lda.by_window(data, spatial=spatial, ends=(0.15, 0.5, 1.0))
+    auroc = table.pivot(index="subject", columns="window", values="auroc")
+    np.testing.assert_allclose(auroc[1.0], across(data, spatial=spatial)["auroc"], atol=1e-12)
+    assert auroc[0.15].mean() == pytest.approx(0.5, abs=0.08)
+    assert auroc[0.5].min() > 0.8
+
+
+def test_a_shorter_window_is_scored_as_if_there_were_no_more():
+    data = {f"{seed}": epochs(seed, 0.7) for seed in range(4)}
+    table = lda.by_window(data, spatial=no_filter, ends=(0.4, 1.0, 1.2))
+    assert table["window"].unique().tolist() == [0.4, 1.0], "there is nothing after 1 s"
+    alone = across(data, settings=replace(DEFAULTS, window=(0.0, 0.4)), spatial=no_filter)
+    np.testing.assert_allclose(table.query("window == 0.4")["auroc"], alone["auroc"], atol=1e-12)
+
+
+def no_filter(signals):
+    return np.eye(signals.shape[1])

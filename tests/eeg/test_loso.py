@@ -12,6 +12,7 @@ from scipy.special import expit, logit
 from rlihf_lib.eeg import fitting, lda, loso, scores
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.fitting import DecoderSettings
+from rlihf_lib.eeg.preprocessing import Preprocessing
 from rlihf_lib.eeg.signals import SubjectEpochs, same_power
 from rlihf_lib.eeg.splits import leave_one_subject_out
 from rlihf_lib.profiles import PROFILES
@@ -292,3 +293,20 @@ def test_recorded_error_potentials_are_decoded_across_subjects(tmp_path):
     scores = loso.run_loso(cohort, tmp_path, settings, workers=1)
     assert scores["auroc"].mean() > 0.6
     assert (scores["auroc_p"] < 0.05).sum() >= 2
+
+
+def test_a_decoder_for_somebody_to_come_learns_from_everybody(dataset, make_epochs):
+    cohort = Held(dataset)
+    decoder = loso.train_decoder(cohort, SETTINGS)
+    newcomer = make_epochs(20)
+    p_error = decoder.p_error(newcomer.get_data())
+    assert scores.auroc(p_error, newcomer.metadata["label"].to_numpy()) > 0.85
+    assert decoder.band is None
+    cohort.settings = Preprocessing(phase="minimum")
+    assert loso.train_decoder(cohort, dataclasses.replace(SETTINGS, max_epochs=1)).band == (1, 20)
+
+
+class Held(dict):
+    """A cohort of epochs in memory."""
+
+    settings = Preprocessing()

@@ -17,6 +17,7 @@ from rlihf_lib.eeg.preprocessing import (
     prepare,
 )
 
+CAUSAL = Preprocessing(phase="minimum")
 NER = Path(os.environ.get("RLIHF_NER2015", "/work/shared/eeg/ner2015"))
 
 
@@ -223,6 +224,17 @@ def test_the_decoder_reads_events_of_any_name(tmp_path):
     assert epochs.event_id == {"correct": 1, "error": 2}
     with pytest.raises(ValueError, match=r"events: hit, miss\); name the two with --events"):
         loso.recorded_cohort(path, ["01"])["01"]
+
+
+def test_a_causal_filter_is_for_recordings_and_has_a_cache_of_its_own(cache, tmp_path):
+    zero, causal = load_epochs("simulated", "s03"), load_epochs("simulated", "s03", CAUSAL)
+    assert zero.events.shape == causal.events.shape
+    assert not np.allclose(zero.get_data(), causal.get_data(), atol=1e-6)
+    path, _ = folder(tmp_path, 200.0, 141)
+    with pytest.raises(ValueError, match="holds epochs; a causal filter needs a continuous"):
+        load_epochs(path, "01", CAUSAL)
+    with pytest.raises(ValueError, match="phase 'linear' is unknown; choose 'zero' or 'minimum'"):
+        Preprocessing(phase="linear")
 
 
 def test_epochs_of_a_folder_are_not_a_stream(tmp_path):

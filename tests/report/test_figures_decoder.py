@@ -54,3 +54,13 @@ def test_reliability_shows_all_epochs_before_and_after_scaling():
     upper, lower = figures_decoder.reliability_figure(STUDY.p_error()).axes
     assert upper.get_legend_handles_labels()[1] == ["Perfect", "Raw", "Temperature-scaled"]
     assert [patch.get_data().values.sum() for patch in lower.patches] == pytest.approx([1, 1])
+
+
+def test_each_filter_has_a_panel_of_auroc_against_latency():
+    people = [(f"s{i}", end, 0.6 + 0.02 * i + 0.1 * end) for i in range(6) for end in (0.4, 1.0)]
+    causal = pd.DataFrame(people, columns=["subject", "window", "auroc"])
+    tables = {"both ways": causal, "causal": causal.assign(auroc=causal["auroc"] - 0.02)}
+    left, right = figures_decoder.latency_figure(tables).axes
+    assert (left.get_title(), right.get_title()) == ("both ways", "causal")
+    drawn = [np.asarray(ax.containers[0][0].get_ydata(), float) for ax in (left, right)]
+    np.testing.assert_allclose(drawn, [[0.69, 0.75], [0.67, 0.73]])
