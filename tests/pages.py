@@ -34,6 +34,7 @@ CAPTIONS = {
     "eeg_spectra": "Power spectra of EEG and EOG channels",
     "decoder_scores": "AUROC and balanced accuracy of each held-out person, with chance levels",
     "decoder_reliability": "Is p(error) what it says? Reliability of each person's decoder",
+    "decoder_latency": "AUROC against when p(error) comes, filtered both ways and causally",
     "decoder_channels": "AUROC with EEG, EEG and EOG, and EOG alone",
     "decoder_patterns": "What one network's filters follow: spectra and patterns after Haufe",
     "online_update": "Adapting to the held-out person online: AUROC and accuracy by events seen",

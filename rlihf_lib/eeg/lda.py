@@ -41,22 +41,55 @@ def whitening(signals) -> np.ndarray:
     return inverse_root(covariances(signals).mean(axis=0))
 
 
-def across_subjects(cohort, settings=DEFAULTS, spatial=whitening) -> pd.DataFrame:
+@threadpool_limits.wrap(limits=1)  # of matrices this small, two threads make a detour
+def across_subjects(cohort, settings=DEFAULTS, spatial=whitening, ends=()) -> pd.DataFrame:
     """Decode every subject by what all others teach, leave-one-subject-out, as `loso.run_loso`.
 
     `spatial`, `whitening` or `scaling`, makes the spatial filters of a subject from all of the
     subject's epochs, without labels. That is more than the networks get, which see nothing of the
-    held-out subject but the epoch to decode; LDA needs it. Columns of the table, and of that of
-    `within_subject`, are subject, accuracy, balanced_accuracy and auroc.
+    held-out subject but the epoch to decode; LDA needs it. What an earlier answer costs is told by
+    windows that end sooner, at `ends` (s after the feedback), as far as the epochs reach; without
+    any it is the window of the settings. Columns of the table are subject, window (its end),
+    accuracy, balanced_accuracy and auroc.
+
+    Notes
+    -----
+    The means of a shorter window are the first of a longer one's, and so are their moments, of
+    which classifiers are made in a tenth of the time that scikit-learn needs.
     """
-    data = {s: features(s, cohort[s], settings, spatial) for s in cohort}
+    people = {}
+    for subject in cohort:
+        signals, labels, width = _window(subject, cohort[subject], settings)
+        means = _flat((spatial(signals) @ averaged(signals, width)).transpose(0, 2, 1))
+        split = (means[labels == label] for label in (0, 1))
+        people[subject] = [(x, x.sum(axis=0), x.T @ x) for x in split]
+    n_channels, rate, first = signals.shape[1], cohort[subject].info["sfreq"], settings.window[0]
+    longest = means.shape[1] // n_channels
+    counts = {end: round((end - first) * rate) // width for end in ends}
+    counts = {end: n for end, n in counts.items() if n <= longest}
     rows = []
     for fold in leave_one_subject_out(list(cohort)):
-        pool = fold.training_pool(data)
-        x, y = (np.concatenate(parts) for parts in zip(*pool.values(), strict=True))
-        test, labels = data[fold.test]
-        rows.append(_score(fold.test, _decide(x, y, test), labels))
+        pool = fold.training_pool(people).values()
+        classes = [_moments([person[label] for person in pool], n_channels) for label in (0, 1)]
+        test = np.concatenate([x for x, *_ in people[fold.test]])
+        labels = np.repeat([0, 1], [len(x) for x, *_ in people[fold.test]])
+        for end, n in (counts or {first + longest * width / rate: longest}).items():
+            weights, bias = _linear(classes, n, n_channels)
+            scores = _score(fold.test, test[:, : len(weights)] @ weights + bias, labels)
+            rows.append({"subject": fold.test, "window": end, **scores})
     return pd.DataFrame(rows)
+
+
+def _linear(classes, n, n_channels):
+    """Weights and bias of LDA on the first n means of each channel, from `_moments`."""
+    size, total = n * n_channels, sum(count for count, *_ in classes)
+    covariance = sum(
+        count / total * _shrunk(square[:size, :size], fourth[n - 1], count)
+        for count, _, square, fourth in classes
+    )
+    (n_correct, correct, *_), (n_error, error, *_) = classes
+    weights = solve(covariance, (error - correct)[:size], assume_a="pos")
+    return weights, np.log(n_error / n_correct) - weights @ (error + correct)[:size] / 2
 
 
 def features(
@@ -65,44 +98,6 @@ def features(
     """50-ms means that `across_subjects` decodes, (n, n_channels * n_means), and labels, (n,)."""
     signals, labels, width = _window(subject, epochs, settings)
     return _flat(spatial(signals) @ averaged(signals, width)), labels
-
-
-@threadpool_limits.wrap(limits=1)  # of matrices this small, two threads make a detour
-def by_window(cohort, settings=DEFAULTS, spatial=whitening, ends=ENDS) -> pd.DataFrame:
-    """Decode every subject as `across_subjects` does, in windows that end earlier and earlier.
-
-    What an earlier answer costs. Columns are subject, window (its end, one of `ends` that the
-    epochs reach) and auroc. The means of a shorter window are the first of a longer one's, and so
-    are their moments, of which classifiers are made in a tenth of the time that scikit-learn needs.
-    Spatial filters are those of the longest window.
-    """
-    people = {}
-    for subject in cohort:
-        signals, labels, width = _window(subject, cohort[subject], settings)
-        means = _flat((spatial(signals) @ averaged(signals, width)).transpose(0, 2, 1))
-        split = (means[labels == label] for label in (0, 1))
-        people[subject] = [(x, x.sum(axis=0), x.T @ x) for x in split]
-    n_channels, rate = signals.shape[1], cohort[subject].info["sfreq"]
-    rows = []
-    for fold in leave_one_subject_out(list(cohort)):
-        pool = fold.training_pool(people).values()
-        classes = [_moments([person[label] for person in pool], n_channels) for label in (0, 1)]
-        n = sum(count for count, *_ in classes)
-        test = np.concatenate([x for x, *_ in people[fold.test]])
-        labels = np.repeat([0, 1], [len(x) for x, *_ in people[fold.test]])
-        for end in ends:
-            n_means = round((end - settings.window[0]) * rate) // width
-            size = n_means * n_channels
-            if size > test.shape[1]:
-                continue
-            covariance = sum(
-                count / n * _shrunk(square[:size, :size], fourth[n_means - 1], count)
-                for count, _, square, fourth in classes
-            )
-            difference = (classes[1][1] - classes[0][1])[:size]
-            decision = test[:, :size] @ solve(covariance, difference, assume_a="pos")
-            rows.append((fold.test, end, float(auroc(decision, labels))))
-    return pd.DataFrame(rows, columns=["subject", "window", "auroc"])
 
 
 def _moments(parts, n_channels):
@@ -133,6 +128,7 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
     """Cross-validated decoding of each person, by folds contiguous in time.
 
     Whitening and classifier are fitted on the training folds only; epochs are in the order of time.
+    Columns are subject, accuracy, balanced_accuracy and auroc.
     """
     rows = []
     for subject in cohort:

@@ -149,7 +149,7 @@ def online_update_figure(updates: pd.DataFrame) -> Figure:
 
 
 def latency_figure(tables: dict[str, pd.DataFrame]) -> Figure:
-    """AUROC against when p(error) comes (name of a filter -> `lda.by_window`), in a panel each."""
+    """AUROC against when p(error) comes by the filter (name -> `lda.across_subjects`)."""
     fig, axes = plt.subplots(1, len(tables), figsize=(PAGE_WIDTH, 2.3), sharey=True, squeeze=False)
     for ax, (name, table) in zip(axes[0], tables.items(), strict=True):
         _subject_lines(table, ax, "window", "auroc")
