@@ -111,13 +111,13 @@ def name_axes(ax: Axes, runs: pd.DataFrame, metric: str) -> None:
 def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
     """Fig. 4: evaluation return against training steps, a panel per person and their mean.
 
-    The baselines know no person and are the same in every panel. People are sorted by the AUROC of
-    their decoder, from `Study.scores`.
+    The baselines know no person and are the same in every panel. People are in the order of the
+    data set, that of `Study.scores`, which gives the AUROC of their decoders.
     """
     people = scores[scores["subject"].isin(runs["subject"])]
     panels = {
         f"{row.subject}, AUROC {row.auroc:.2f}": runs[runs["subject"].isin(["", row.subject])]
-        for row in people.sort_values("auroc", ascending=False).itertuples()
+        for row in people.itertuples()
     }
     panels["mean over people"] = runs
     n = len(panels)
@@ -300,9 +300,12 @@ def decoder_policy_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     ax.plot(late["auroc"], late["success"], color=shade, **RUNS)
     ax.vlines(table["auroc"], table["success_low"], table["success_high"], color=shade)
     ax.plot(table["auroc"], table["success"], "D", color=shade, ms=4, label=style.label("rlihf"))
-    for row in table[table["success"] < table["dense"] - st.EQUIVALENCE_MARGIN].itertuples():
+    behind = table[table["success"] < table["dense"] - st.EQUIVALENCE_MARGIN].sort_values("auroc")
+    for row, height in zip(
+        behind.itertuples(), cycle((4, -9)), strict=False
+    ):  # neighbours above and below
         place = row.auroc, row.success
-        ax.annotate(row.subject, place, (4, 4), textcoords="offset points", fontsize=7)
+        ax.annotate(row.subject, place, (4, height), textcoords="offset points", fontsize=7)
     ax.axhline(table["dense"].iloc[0], **style.line_style("dense"), label=style.label("dense"))
     r = st.spearman(table["auroc"], table["success"])
     spread = "no interval" if np.isnan(r["ci_low"]) else f"[{r['ci_low']:.2f}, {r['ci_high']:.2f}]"

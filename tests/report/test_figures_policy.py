@@ -37,7 +37,7 @@ def test_figure_4_has_a_panel_per_person_with_the_auroc_and_one_of_the_mean(runs
     panels = {ax.get_title(): ax for ax in fig.axes if ax.get_visible()}
     assert len(panels) == 13
     titles = list(panels)
-    assert titles[0] == "s13, AUROC 0.98" and titles[11:] == ["s02, AUROC 0.70", "mean over people"]
+    assert titles[0] == "s02, AUROC 0.70" and titles[11:] == ["s13, AUROC 0.98", "mean over people"]
     for title, ax in panels.items():
         assert list(legend(ax)) == ["RL sparse", "RL dense", "RLIHF"]
         assert len(ax.collections) == 3, title
