@@ -15,6 +15,7 @@ from rlihf_lib.files import SUMS, canonical_json, check_sums, sha256, sums
 from rlihf_lib.rl.given import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import REWARDS
+from rlihf_lib.rl.timing import Timing
 
 CONDITIONS = ("sparse", "dense", "rlihf")
 # Raised by whoever changes task, observer, rewards or learner, or a default below, so that results
@@ -86,6 +87,8 @@ class RunConfig:
     `moment -> float`."""
     sac: SACSettings = field(default_factory=SACSettings)
     """Hyper-parameters of the learner."""
+    timing: Timing = field(default_factory=Timing)
+    """When people answer: every step and at once, unless said otherwise."""
     protocol: int = PROTOCOL
     """Version of task, observers, rewards and learner."""
 
@@ -122,16 +125,17 @@ class RunConfig:
         for word in (changed[name] for name in ("observer", "reward") if name in changed):
             words.append(word if isinstance(word, str) else f"{word['name']}.{word['sha256'][:6]}")
         settings = {"patience": self.patience} if "patience" in changed else {}
-        for name, value in (settings | changed.get("sac", {})).items():
+        for name, value in (settings | changed.get("sac", {}) | changed.get("timing", {})).items():
             values = value if isinstance(value, tuple) else (value,)
-            words.append(name + "x".join(f"{v:g}" for v in values))
+            words.append(name + "x".join(v if isinstance(v, str) else f"{v:g}" for v in values))
         return words
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain JSON values; functions as their name and hash."""
         names = [entry.name for entry in dataclasses.fields(self)]
         fields = {name: _plain(getattr(self, name)) for name in names}
-        return {**fields, "sac": dataclasses.asdict(self.sac)}
+        parts = {name: dataclasses.asdict(getattr(self, name)) for name in ("sac", "timing")}
+        return {**fields, **parts}
 
     @property
     def hash(self) -> str:
@@ -148,7 +152,7 @@ def _changed(settings):
     changed = {}
     for entry in dataclasses.fields(settings):
         value, default = getattr(settings, entry.name), entry.default
-        if isinstance(value, SACSettings):
+        if isinstance(value, SACSettings | Timing):
             value, default = _changed(value), {}
         if value != default:
             changed[entry.name] = _plain(value)

@@ -21,6 +21,7 @@ from rlihf_lib.rl.observer import OBSERVERS, Observer
 from rlihf_lib.rl.rewards import REWARDS, TrainingReward
 from rlihf_lib.rl.runs import ACTOR, RunConfig
 from rlihf_lib.rl.sac import FastSAC, make_sac
+from rlihf_lib.rl.timing import LateReward, Timing
 from rlihf_lib.task.gym_env import PickPlaceEnv
 
 LOG_EVERY = 1_000  # steps of training that a row of train.csv sums up
@@ -45,6 +46,9 @@ class _Record(BaseCallback):
     def _on_step(self):
         (reward,), (info,) = self.locals["rewards"], self.locals["infos"]
         self.episode_return += float(reward)
+        memory = self.model.replay_buffer  # which this step enters afterwards
+        for steps_ago, change in info.get("late", ()):
+            memory.rewards[(memory.pos - steps_ago) % memory.buffer_size, 0] += change
         if "metrics" in info:
             self.episodes.append({"return": self.episode_return, **info["metrics"]})
             self.episode_return = 0.0
@@ -111,8 +115,10 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
         for value, known in ((config.observer, OBSERVERS), (config.reward, REWARDS))
     )
     observer = None if rows is None else Observer(rows, rng, looks_wrong, decode)
-    weights = config.sac.discount, config.w_hf
-    return TrainingReward(env, config.condition, *weights, observer, engineered)
+    told = config.condition, config.sac.discount, config.w_hf, observer, engineered
+    if observer and config.timing != Timing():
+        return LateReward(env, *told, timing=config.timing, rng=rng)
+    return TrainingReward(env, *told)
 
 
 def train_run(

@@ -1,0 +1,119 @@
+"""Feedback as brains give it: some events are answered, late, and an answer has to find its steps.
+
+An error potential takes up to 0.8 s, and people answer events about once a second; a control step
+takes 0.1 s. Every `interval` steps the observer answers the moment that is seen; p(error) comes
+`delay` steps later, and up to `jitter` more. What an answer is worth is `interval` times what one
+step's would be, so that all ways to credit it pay the same in the long run:
+
+"arrival"
+    What happens to be done when it arrives gets all of it: what a learner does that knows nothing
+    of delays.
+"held"
+    The last answer is paid at every step until the next one.
+"event"
+    It is written back to the step that was answered, which a replay buffer makes possible: with EEG
+    the event's time is known to the millisecond.
+"window"
+    It is written back to all steps since the event before it, as if each had been answered so.
+"kernel"
+    It is written back, as if only the mean delay were known, to the steps about that time: weights
+    fall linearly to nothing at `interval` steps before and after (after TAMER: Knox & Stone 2009).
+
+Where answers are written back, a step is paid what answers were on average until its own is known,
+and after that what it is above or below: the same in the mean, with less noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rlihf_lib.rl.rewards import TrainingReward, errp_reward, task_reward
+
+CREDITS = ("arrival", "held", "event", "window", "kernel")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When people answer, and what their answers are credited to; see the module."""
+
+    interval: int = 1
+    """Steps from one answered event to the next."""
+    delay: int = 0
+    """Steps from the event to its p(error)."""
+    jitter: int = 0
+    """Most steps by which it is later still, any number equally likely."""
+    credit: str = "event"
+    """One of `CREDITS`."""
+
+    def __post_init__(self):
+        if self.credit not in CREDITS:
+            raise ValueError(f"credit is {self.credit!r}; choose one of {', '.join(CREDITS)}")
+        if self.interval < 1 or self.delay < 0 or self.jitter < 0:
+            raise ValueError(f"{self}: interval is 1 or more steps, delay and jitter are 0 or more")
+
+
+class LateReward(TrainingReward):
+    """`TrainingReward` of condition "rlihf" whose answers come by a `Timing`.
+
+    `info["late"]` of a step holds what has come to be known of earlier ones: pairs of how many
+    steps ago, counted over episodes, and what their reward is changed by. `rng` draws the jitter.
+    The end of an episode is answered at once, for the robot is at rest.
+    """
+
+    def __init__(self, env, *arguments, timing: Timing, rng):
+        super().__init__(env, *arguments)
+        self.timing, self._rng = timing, rng
+        self._now, self._first = -1, 0  # number of this step, and of the episode's first
+        self._due: dict[int, list] = {}  # answers by the step they arrive at
+        self._paid: list[float] = []  # feedback of each step before its answer is known
+        self._sum, self._n, self._held = 0.5, 1, 0.5
+
+    def reset(self, **told) -> tuple[np.ndarray, dict]:
+        """Begin an episode; answers still to come are kept."""
+        self._first = self._now + 1
+        return self.env.reset(**told)
+
+    def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
+        """Advance one step; its reward is what is known of it now."""
+        observation, _, terminated, truncated, info = self.env.step(action)
+        self._now += 1
+        moment, timing = info["moment"], self.timing
+        over = moment.success or moment.lost
+        if not over and self._now % timing.interval == 0:
+            (p_error,) = self.observer.watch(moment)
+            wait = timing.delay + int(self._rng.integers(timing.jitter + 1))
+            self._due.setdefault(self._now + wait, []).append((self._now, self._first, p_error))
+        answers = self._due.pop(self._now, [])
+        for _, _, p_error in answers:
+            self._held = errp_reward(p_error)
+            self._sum, self._n = self._sum + self._held, self._n + 1
+        known = {"arrival": 0.0, "held": self._held}
+        self._paid.append(known.get(timing.credit, self._sum / self._n))
+        late: dict[int, float] = {}
+        for event, first, p_error in answers:
+            for step, share in self._credited(event, first):
+                amount = share * (errp_reward(p_error) - self._paid[step])
+                late[step] = late.get(step, 0.0) + self.w_hf * amount
+        if over:
+            reward, _ = self.judge(moment)
+        else:
+            reward = task_reward(moment, self.discount) + self.w_hf * self._paid[-1]
+        reward += late.pop(self._now, 0.0)
+        info["late"] = [(self._now - step, amount) for step, amount in late.items()]
+        return observation, reward, terminated, truncated, info
+
+    def _credited(self, event, first):
+        """Steps that an answer is credited to, and how much of it each gets, `interval` in all."""
+        interval, credit = self.timing.interval, self.timing.credit
+        if credit == "held":
+            return []
+        if credit in ("arrival", "event"):
+            return [(self._now if credit == "arrival" else event, interval)]
+        if credit == "window":
+            return [(step, 1) for step in range(max(event - interval + 1, first), event + 1)]
+        guess = self._now - self.timing.delay - self.timing.jitter / 2
+        steps = np.arange(max(self._now - 2 * interval - self.timing.delay, first), self._now + 1)
+        weights = np.maximum(interval - np.abs(steps - guess), 0)
+        if not weights.any():  # the episode had only begun
+            return [(event, interval)]
+        return list(zip(steps, interval * weights / weights.sum(), strict=True))
