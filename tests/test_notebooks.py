@@ -4,6 +4,7 @@ import ast
 import inspect
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -99,6 +100,24 @@ def test_every_notebook_runs_in_smoke(smoke):
         nb = nbformat.read(study.notebooks / f"{step.title}.ipynb", as_version=4)
         code = [cell for cell in nb.cells if cell.cell_type == "code"]
         assert all(cell.execution_count for cell in code), step.title
+
+
+def test_another_decoders_table_trains_and_is_drawn_under_its_name(smoke, tmp_path):
+    study, _ = smoke
+    shutil.copy(study.decoder / "p_error.csv", tmp_path / "lab.csv")
+    other = Study("smoke", tmp_path / "lab.csv", tmp_path)
+    for stage in ("sparse", "tuned", "dense", "controls"):  # not again what no person answers
+        for config in study.run_configs(stage):
+            if config.subject in ("", "ideal"):
+                shutil.copytree(study.runs / config.run_id, other.runs / config.run_id)
+    command = [sys.executable, "-m", "rlihf_lib", "--profile", "smoke", "--out", str(tmp_path)]
+    command += ["--p-error", str(tmp_path / "lab.csv")]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-4000:]
+    assert "02_loso" not in result.stdout and "05_whf_ablation: finished" in result.stdout
+    table = (other.tables / "table1_phases.md").read_text()
+    assert table.startswith("p(error) of lab · profile smoke")
+    assert stale(other) == []
 
 
 def test_the_smoke_run_leaves_plain_tables(smoke):

@@ -85,7 +85,7 @@ class LateReward(TrainingReward):
             self._due.setdefault(self._now + wait, []).append((self._now, self._first, p_error))
         answers = self._due.pop(self._now, [])
         for _, _, p_error in answers:
-            self._held = errp_reward(p_error)
+            self._held = float(errp_reward(p_error))
             self._sum, self._n = self._sum + self._held, self._n + 1
         known = {"arrival": 0.0, "held": self._held}
         self._paid.append(known.get(timing.credit, self._sum / self._n))

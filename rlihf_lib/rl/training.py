@@ -7,6 +7,7 @@ import resource
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,7 +47,7 @@ class _Record(BaseCallback):
     def _on_step(self):
         (reward,), (info,) = self.locals["rewards"], self.locals["infos"]
         self.episode_return += float(reward)
-        memory = self.model.replay_buffer  # which this step enters afterwards
+        memory: Any = self.model.replay_buffer  # which this step enters afterwards
         for steps_ago, change in info.get("late", ()):
             memory.rewards[(memory.pos - steps_ago) % memory.buffer_size, 0] += change
         if "metrics" in info:
