@@ -25,7 +25,7 @@ import psutil
 
 TIMES = ("provenance.json", "SHA256SUMS")  # of a run: hold how long it took
 GRACE = 10  # s
-LIMIT = 240  # s, after which work hangs
+LIMIT = 600  # s, after which work hangs
 
 
 def work(folder) -> None:
