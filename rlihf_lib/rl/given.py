@@ -1,4 +1,4 @@
-"""Observers and rewards given from outside: what identifies them.
+"""Observers, rewards and feedback given from outside: what identifies them.
 
 A reader may hand a function of their own to a run. It travels to the workers with the config, and
 the hash of its source, and of whatever it refers to, becomes part of the run's.
@@ -27,9 +27,9 @@ class Given:
     sha256: str
     function: Callable = field(compare=False, repr=False)
 
-    def __call__(self, moment) -> float:
+    def __call__(self, *told):
         """Call the function."""
-        return self.function(moment)
+        return self.function(*told)
 
 
 def given(function: Callable) -> Given:

@@ -63,6 +63,18 @@ def errp_reward(p_error: np.ndarray) -> np.ndarray:
     return 1.0 - p_error
 
 
+def errp_feedback(p_error: np.ndarray, share: float) -> np.ndarray:
+    """Feedback of p(error), (n,), when that share of the training is done: `errp_reward`, always.
+
+    Others may change in the course of training: their weight, or the decoder behind p(error).
+    """
+    return errp_reward(p_error)
+
+
+#: What p(error) is worth, by name, as `RunConfig.feedback` names it.
+FEEDBACK = {"errp": errp_feedback}
+
+
 def evaluation_reward(moment: Moment, path) -> float:
     """Unified reward of the evaluation: success, collisions, alignment with the `IdealPath`.
 
@@ -79,21 +91,29 @@ def evaluation_reward(moment: Moment, path) -> float:
 class TrainingReward(gym.Wrapper):
     """Replace the reward of a `PickPlaceEnv` by that of a condition: "sparse", "dense" or "rlihf".
 
-    "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times the feedback of an
-    `Observer`, whose answers the others leave alone. `discount` is the learner's.
+    "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times `feedback(p_error,
+    share)`, share of the `total_steps` that are done, of an `Observer`, whose answers the others
+    leave alone. `discount` is the learner's.
     """
 
     def __init__(
-        self, env, condition, discount, w_hf=0.0, observer=None, engineered=alignment_reward
-    ):
+        self, env, condition, discount, w_hf=0.0, observer=None, engineered=alignment_reward,
+        feedback=errp_feedback, total_steps=1,
+    ):  # fmt: skip
         super().__init__(env)
         self.condition, self.discount = condition, discount
         self.w_hf, self.observer, self.engineered = w_hf, observer, engineered
+        self._feedback, self._steps, self._total_steps = feedback, 0, total_steps
         self._discounts = discount ** np.arange(AFTERWARDS)
+
+    def feedback(self, p_error: np.ndarray) -> np.ndarray:
+        """Return what p(error), (n,), is worth now."""
+        return self._feedback(p_error, min(1.0, self._steps / self._total_steps))
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; the reward is r_task plus that of the condition."""
         observation, _, terminated, truncated, info = self.env.step(action)
+        self._steps += 1
         reward, _ = self.judge(info["moment"])
         return observation, reward, terminated, truncated, info
 
@@ -106,6 +126,6 @@ class TrainingReward(gym.Wrapper):
         if self.condition == "dense" and not moment.success:
             reward += self.engineered(moment)
         elif self.condition == "rlihf":
-            feedback = errp_reward(p_error)
+            feedback = self.feedback(p_error)
             reward += self.w_hf * float(self._discounts @ feedback if over else feedback[0])
         return reward, float(p_error[0])

@@ -14,10 +14,11 @@ import pandas as pd
 from rlihf_lib.files import SUMS, canonical_json, check_sums, sha256, sums
 from rlihf_lib.rl.given import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
-from rlihf_lib.rl.rewards import REWARDS
+from rlihf_lib.rl.rewards import FEEDBACK, REWARDS
 from rlihf_lib.rl.timing import Timing
 
 CONDITIONS = ("sparse", "dense", "rlihf")
+FUNCTIONS = ("observer", "reward", "feedback")  # that a run may be given
 # Raised by whoever changes task, observer, rewards or learner, or a default below, so that results
 # change: runs of an earlier protocol then count as missing.
 PROTOCOL = 6
@@ -85,6 +86,9 @@ class RunConfig:
     reward: str | Callable = "path"
     """What "dense" adds to the task reward: a name of `rewards.REWARDS`, or a function
     `moment -> float`."""
+    feedback: str | Callable = "errp"
+    """What p(error) is worth: a name of `rewards.FEEDBACK`, or a function `p_error, share of the
+    training done -> reward`."""
     sac: SACSettings = field(default_factory=SACSettings)
     """Hyper-parameters of the learner."""
     timing: Timing = field(default_factory=Timing)
@@ -94,6 +98,7 @@ class RunConfig:
 
     def __post_init__(self):
         known = {"condition": CONDITIONS, "observer": OBSERVERS, "reward": REWARDS}
+        known["feedback"] = FEEDBACK
         for name, choices in known.items():
             value = getattr(self, name)
             if callable(value) and name != "condition":
@@ -120,9 +125,9 @@ class RunConfig:
 
     @property
     def changes(self) -> list[str]:
-        """Words for observer, reward and settings that differ from the default, as in the id."""
+        """Words for functions and settings that differ from the default, as in the id."""
         changed, words = _changed(self), []
-        for word in (changed[name] for name in ("observer", "reward") if name in changed):
+        for word in (changed[name] for name in FUNCTIONS if name in changed):
             words.append(word if isinstance(word, str) else f"{word['name']}.{word['sha256'][:6]}")
         settings = {"patience": self.patience} if "patience" in changed else {}
         for name, value in (settings | changed.get("sac", {}) | changed.get("timing", {})).items():

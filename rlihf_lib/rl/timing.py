@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlihf_lib.rl.rewards import TrainingReward, errp_reward, task_reward
+from rlihf_lib.rl.rewards import TrainingReward, task_reward
 
 CREDITS = ("arrival", "held", "event", "window", "kernel")
 
@@ -77,22 +77,23 @@ class LateReward(TrainingReward):
         """Advance one step; its reward is what is known of it now."""
         observation, _, terminated, truncated, info = self.env.step(action)
         self._now += 1
+        self._steps += 1
         moment, timing = info["moment"], self.timing
         over = moment.success or moment.lost
         if not over and self._now % timing.interval == 0:
-            (p_error,) = self.observer.watch(moment)
+            (answer,) = map(float, self.feedback(self.observer.watch(moment)))
             wait = timing.delay + int(self._rng.integers(timing.jitter + 1))
-            self._due.setdefault(self._now + wait, []).append((self._now, self._first, p_error))
+            self._due.setdefault(self._now + wait, []).append((self._now, self._first, answer))
         answers = self._due.pop(self._now, [])
-        for _, _, p_error in answers:
-            self._held = float(errp_reward(p_error))
-            self._sum, self._n = self._sum + self._held, self._n + 1
+        for *_, answer in answers:
+            self._held = answer
+            self._sum, self._n = self._sum + answer, self._n + 1
         known = {"arrival": 0.0, "held": self._held}
         self._paid.append(known.get(timing.credit, self._sum / self._n))
         late: dict[int, float] = {}
-        for event, first, p_error in answers:
+        for event, first, answer in answers:
             for step, share in self._credited(event, first):
-                amount = share * (errp_reward(p_error) - self._paid[step])
+                amount = share * (answer - self._paid[step])
                 late[step] = late.get(step, 0.0) + self.w_hf * amount
         if over:
             reward, _ = self.judge(moment)

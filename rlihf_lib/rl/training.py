@@ -19,7 +19,7 @@ from rlihf_lib.files import canonical_json
 from rlihf_lib.rl.evaluation import EVALUATION_SEEDS, evaluate, policy_of
 from rlihf_lib.rl.feedback import check_feedback, rows_of
 from rlihf_lib.rl.observer import OBSERVERS, Observer
-from rlihf_lib.rl.rewards import REWARDS, TrainingReward
+from rlihf_lib.rl.rewards import FEEDBACK, REWARDS, TrainingReward
 from rlihf_lib.rl.runs import ACTOR, RunConfig
 from rlihf_lib.rl.sac import FastSAC, make_sac
 from rlihf_lib.rl.timing import LateReward, Timing
@@ -111,12 +111,11 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
 
     Nobody watches if `rows` is None; `rng` and `decode` are the `Observer`'s.
     """
-    looks_wrong, engineered = (
-        value if callable(value) else known[value]
-        for value, known in ((config.observer, OBSERVERS), (config.reward, REWARDS))
-    )
+    named = (config.observer, OBSERVERS), (config.reward, REWARDS), (config.feedback, FEEDBACK)
+    looks_wrong, *functions = (value if callable(value) else known[value] for value, known in named)
     observer = None if rows is None else Observer(rows, rng, looks_wrong, decode)
-    told = config.condition, config.sac.discount, config.w_hf, observer, engineered
+    weights = config.sac.discount, config.w_hf
+    told = config.condition, *weights, observer, *functions, config.total_steps
     if observer and config.timing != Timing():
         return LateReward(env, *told, timing=config.timing, rng=rng)
     return TrainingReward(env, *told)
