@@ -20,13 +20,12 @@ def parser() -> argparse.ArgumentParser:
         usage="python -m rlihf_lib [options]",
         description="From EEG recordings to every figure and table of the paper. What is done "
         "already, shipped results included, is used; the rest is computed.",
-        epilog="`python -m tests.benchmarks [--json FILE]` measures the speed of every part.",
+        epilog="`python -m rlihf_lib live --help`: p(error) of whoever wears the cap.",
     )
     add = result.add_argument
     add("--profile", choices=PROFILES, default="quick", help="size (default quick)")
     add("--eeg", default="simulated", metavar="simulated|hri|PATH", help="recordings: simulated "
-        "(default), the paper's (downloads), or your folder of sub-XX files: MNE epochs, FIF, "
-        "EEGLAB, BrainVision, EDF, BDF, GDF, flat or BIDS; --list says what is found")  # fmt: skip
+        "(default), the paper's (downloads), or your folder; --list describes it")  # fmt: skip
     add("--p-error", default="", metavar="FILE.csv", help="instead of recordings, what another "
         "decoder says: subject, epoch, label, p_error")  # fmt: skip
     add("--events", nargs=2, default=EVENTS, metavar=("OK", "ERR"),

@@ -199,13 +199,19 @@ def test_executed_copies_hold_what_a_reader_sees_and_are_the_same_each_time(note
 
 def test_the_command_exits_1_on_an_error_in_a_notebook(notebook, tmp_path, monkeypatch, capsys):
     cell = "\n".join(
-        f"{name} = None" for name in ("profile", "eeg", "out", "workers", "recompute", "ship")
-    )
-    notebook(cell, "1 / 0").rename(tmp_path / "04_metrics_tables.ipynb")
+        f"{name} = None"
+        for name in (
+            "profile", "eeg", "out", "workers", "recompute", "ship", "events", "drop_channels"
+        )
+    )  # fmt: skip
+    notebook(cell, "1 / 0").rename(tmp_path / "01_dataset_preprocessing.ipynb")
     monkeypatch.setattr("rlihf_lib.regenerate.NOTEBOOKS", tmp_path)
-    assert main(["--profile", "smoke", "--only", "04", "--out", str(tmp_path / "out")]) == 1
+    assert main(["--profile", "smoke", "--only", "01", "--out", str(tmp_path / "out")]) == 1
     message = capsys.readouterr().err
-    assert "04_metrics_tables.ipynb" in message and "ZeroDivisionError: division by zero" in message
+    assert (
+        "01_dataset_preprocessing.ipynb" in message
+        and "ZeroDivisionError: division by zero" in message
+    )
 
 
 def test_piped_progress_is_a_line_now_and_then(notebook, tmp_path, capsys):
