@@ -8,6 +8,7 @@ for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 LONGEST_FIRST = (
     "test_notebooks.py",
+    "test_campaign.py",
     "test_incentives.py",
     "test_golden.py",
     "test_sweep.py",
