@@ -7,7 +7,7 @@ import sys
 from datetime import timedelta
 
 from rlihf_lib.regenerate import NOTEBOOKS, NotebookError, regenerate, select
-from rlihf_lib.study import EEG_SOURCES, EVENTS, PROFILES, Study
+from rlihf_lib.study import EVENTS, PROFILES, Study
 
 MOST_WORKERS = 1_000
 SECONDS_OF_DRAWING = 150  # on two cores
@@ -125,7 +125,7 @@ def _print_status(study, workers):
     print(table.drop(columns="seconds").assign(rest=rest).to_string(index=False))
     total = table["seconds"].sum() + SECONDS_OF_DRAWING
     print(f"everything takes about {timedelta(seconds=round(total))}, drawing included")
-    if study.eeg not in EEG_SOURCES and not study.is_table:
+    if study.is_folder:
         from rlihf_lib.eeg.overview import describe  # imports MNE, so only when needed
 
         print(describe(study.eeg, study.drop_channels))

@@ -1,7 +1,6 @@
 """What a study is: a profile (how much), an EEG source (whose brains) and a folder (where to)."""
 
 import json
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from rlihf_lib.rl.feedback import (
     read_table,
     with_controls,
 )
-from rlihf_lib.rl.runs import ACTOR, RunConfig, SACSettings, is_done
+from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done, is_whole
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EEG_SOURCES = ("simulated", "hri")
@@ -69,9 +68,10 @@ class Study:
         if len(self.events) != 2 or len({*map(str.strip, self.events)} - {""}) != 2:
             raise ValueError(f"events are {self.events}; give the names of two, correct and error")
         self.is_table = self.eeg.endswith(".csv")
-        if self.eeg not in EEG_SOURCES:
+        self.is_folder = not self.is_table and self.eeg not in EEG_SOURCES
+        if self.is_table or self.is_folder:
             self.eeg, self.eeg_name = (_table if self.is_table else _folder)(self.eeg)
-        if self.eeg in EEG_SOURCES or self.is_table:
+        if not self.is_folder:
             if self.events != EVENTS:
                 raise ValueError(f"events can be named for a folder only, not for {self.eeg}")
             if self.drop_channels:
@@ -114,17 +114,17 @@ class Study:
 
         As `rl.feedback.read_table`, whose errors it has. Somebody else's is adopted first.
         """
-        if self.is_table:
-            adopt_table(Path(self.eeg), self.decoder)
-        check_sums(self.decoder)
-        return read_table(self.decoder / "p_error.csv")
+        return self._read_decoded("p_error.csv", COLUMNS)
 
     def scores(self) -> pd.DataFrame:
         """Read the scores of the decoders, a row per held-out subject; errors as in `p_error`."""
+        return self._read_decoded("scores.csv", ("subject", "auroc"))
+
+    def _read_decoded(self, name, columns):
         if self.is_table:
             adopt_table(Path(self.eeg), self.decoder)
         check_sums(self.decoder)
-        return read_table(self.decoder / "scores.csv", ("subject", "auroc"))
+        return read_table(self.decoder / name, columns)
 
     def ranked_subjects(self) -> list[str]:
         """List the decoded subjects by the AUROC of their held-out epochs, weakest first."""
@@ -219,7 +219,7 @@ class Study:
         if self.is_table or (self.decoder / "p_error.csv").is_file():
             folds, missing = self.p_error()["subject"].nunique(), 0
         else:
-            n_people = N_PEOPLE if self.eeg in EEG_SOURCES else len(self.subjects())
+            n_people = len(self.subjects()) if self.is_folder else N_PEOPLE
             missing = max(min(self.profile.n_subjects or n_people, n_people) - folds, 1)
         rows = [("02_loso_decoder", folds, missing, missing * SECONDS_PER_FOLD)]
         per_run = self._seconds_per_step() * self.profile.total_steps
@@ -244,8 +244,7 @@ class Study:
     def _seconds_per_step(self):
         """Mean over the study's finished runs; a default before there are any."""
         seconds, steps = 0.0, 0
-        finished = partial(check_sums, may_lack=[ACTOR])
-        for folder in filter(finished, self.runs.glob("*/")):
+        for folder in filter(is_whole, self.runs.glob("*/")):
             provenance, config = (
                 json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
                 for name in ("provenance", "config")
@@ -270,11 +269,7 @@ def _folder(eeg):
         raise ValueError(
             f"the EEG folder {folder} has no name for its results; give a folder in it"
         )
-    if folder.name in EEG_SOURCES:
-        raise ValueError(
-            f"the EEG folder {folder} is named like a built-in source, so their results would mix; "
-            "rename the folder"
-        )
+    _refuse_name(folder.name, f"the EEG folder {folder}", "folder")
     find(folder)  # says what is wrong with its files
     return str(folder), folder.name
 
@@ -287,9 +282,13 @@ def _table(eeg):
             f"there is no file {path}; give a table of p(error) with the columns "
             f"{', '.join(COLUMNS)}"
         )
-    if path.stem in EEG_SOURCES:
-        raise ValueError(
-            f"the table {path} is named like a built-in source, so their results would mix; "
-            "rename the file"
-        )
+    _refuse_name(path.stem, f"the table {path}", "file")
     return str(path), path.stem
+
+
+def _refuse_name(name, source, kind):
+    if name in EEG_SOURCES:
+        raise ValueError(
+            f"{source} is named like a built-in source, so their results would mix; rename the "
+            f"{kind}"
+        )

@@ -301,9 +301,8 @@ def decoder_policy_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     ax.vlines(table["auroc"], table["success_low"], table["success_high"], color=shade)
     ax.plot(table["auroc"], table["success"], "D", color=shade, ms=4, label=style.label("rlihf"))
     behind = table[table["success"] < table["dense"] - st.EQUIVALENCE_MARGIN].sort_values("auroc")
-    for row, height in zip(
-        behind.itertuples(), cycle((4, -9)), strict=False
-    ):  # neighbours above and below
+    heights = cycle((4, -9))  # neighbours' names above and below
+    for row, height in zip(behind.itertuples(), heights, strict=False):
         place = row.auroc, row.success
         ax.annotate(row.subject, place, (4, height), textcoords="offset points", fontsize=7)
     ax.axhline(table["dense"].iloc[0], **style.line_style("dense"), label=style.label("dense"))

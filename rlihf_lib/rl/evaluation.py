@@ -16,9 +16,8 @@ import numpy as np
 from safetensors.torch import load_file
 from stable_baselines3 import SAC
 
-from rlihf_lib.files import check_sums
 from rlihf_lib.rl.rewards import PLACED, evaluation_reward
-from rlihf_lib.rl.runs import ACTOR, SACSettings
+from rlihf_lib.rl.runs import ACTOR, SACSettings, is_whole
 from rlihf_lib.rl.sac import make_sac
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.moment import Moment
@@ -99,7 +98,7 @@ def load_policy(folder: str | Path, env: PickPlaceEnv) -> Act:
     A ValueError names a file of it that has changed since.
     """
     config, actor = Path(folder) / "config.json", Path(folder) / ACTOR
-    if not (check_sums(folder, may_lack=[ACTOR]) and actor.is_file()):
+    if not (is_whole(Path(folder)) and actor.is_file()):
         raise FileNotFoundError(f"{actor} is missing; train the run with notebook 03")
     settings = SACSettings(**json.loads(config.read_text(encoding="utf-8"))["sac"])
     model = make_sac(env, settings, seed=0)

@@ -164,13 +164,21 @@ def _changed(settings):
     return changed
 
 
-def is_done(config: RunConfig, runs_dir: str | Path) -> bool:
-    """Tell whether the run's folder is there and was made from this very config.
+def is_whole(folder: Path) -> bool:
+    """Tell whether a folder holds a finished run, all of it but, at most, the actor.
 
     A ValueError names a file of it that has changed since (`files.check_sums`).
     """
+    return check_sums(folder, may_lack=[ACTOR])
+
+
+def is_done(config: RunConfig, runs_dir: str | Path) -> bool:
+    """Tell whether the run's folder is there and was made from this very config.
+
+    Errors as in `is_whole`.
+    """
     folder = Path(runs_dir) / config.run_id
-    if not check_sums(folder, may_lack=[ACTOR]):
+    if not is_whole(folder):
         return False
     return json.loads((folder / "config.json").read_text(encoding="utf-8"))["hash"] == config.hash
 

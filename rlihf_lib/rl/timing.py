@@ -104,7 +104,7 @@ class LateReward(TrainingReward):
         return observation, reward, terminated, truncated, info
 
     def _credited(self, event, first):
-        """Steps that an answer is credited to, and how much of it each gets, `interval` in all."""
+        """Steps that an answer is credited to, and how many times each gets it."""
         interval, credit = self.timing.interval, self.timing.credit
         if credit == "held":
             return []
