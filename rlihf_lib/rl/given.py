@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FunctionType, ModuleType
 
+import numpy as np
+
 from rlihf_lib.files import canonical_json, sha256
 
 LIBRARY = Path(__file__).resolve().parents[1]
@@ -56,7 +58,7 @@ def _parts(function, name, seen):
     defaults |= function.__kwdefaults__ or {}
     values = {**referred.globals, **referred.nonlocals, **defaults}
     for key, value in sorted(values.items()):
-        if isinstance(value, ModuleType):
+        if isinstance(value, ModuleType | np.ufunc):
             parts.append([key, value.__name__])
         elif isinstance(value, (FunctionType, type)) and _comes_with_the_library(value):
             parts.append([key, value.__qualname__])

@@ -8,6 +8,9 @@ finished task. As feedback is never negative, it would otherwise be a reason not
 keep away from a can that may fall over.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 
@@ -63,10 +66,11 @@ def errp_reward(p_error: np.ndarray) -> np.ndarray:
     return 1.0 - p_error
 
 
-def errp_feedback(p_error: np.ndarray, share: float) -> np.ndarray:
-    """Feedback of p(error), (n,), when that share of the training is done: `errp_reward`, always.
+def errp_feedback(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
+    """Feedback of p(error), (n,): `errp_reward`, always.
 
-    Others may change in the course of training: their weight, or the decoder behind p(error).
+    Others may depend on the share of the training that is done, or on the doubt of the critics
+    about the step (`TrainingReward.doubt`): their weight, or the decoder behind p(error).
     """
     return errp_reward(p_error)
 
@@ -92,8 +96,14 @@ class TrainingReward(gym.Wrapper):
     """Replace the reward of a `PickPlaceEnv` by that of a condition: "sparse", "dense" or "rlihf".
 
     "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times `feedback(p_error,
-    share)`, share of the `total_steps` that are done, of an `Observer`, whose answers the others
-    leave alone. `discount` is the learner's.
+    share, doubt)`, share of the `total_steps` that are done, of an `Observer`, whose answers the
+    others leave alone. `discount` is the learner's.
+
+    Attributes
+    ----------
+    doubt : callable
+        How far apart the critics are about an observation and an action, relative to their values;
+        the learner is told where there is one.
     """
 
     def __init__(
@@ -105,15 +115,26 @@ class TrainingReward(gym.Wrapper):
         self.w_hf, self.observer, self.engineered = w_hf, observer, engineered
         self._feedback, self._steps, self._total_steps = feedback, 0, total_steps
         self._discounts = discount ** np.arange(AFTERWARDS)
+        self.doubt: Callable = lambda observation, action: 0.0
+        self._seen: tuple = ()  # observation and action of the last step
 
     def feedback(self, p_error: np.ndarray) -> np.ndarray:
         """Return what p(error), (n,), is worth now."""
-        return self._feedback(p_error, min(1.0, self._steps / self._total_steps))
+        if self._feedback is errp_feedback:  # without asking the critics
+            return errp_reward(p_error)
+        share = min(1.0, self._steps / self._total_steps)
+        return self._feedback(p_error, share, self.doubt(*self._seen))
+
+    def advance(self, action) -> tuple:
+        """Advance the task one step."""
+        task: Any = self.unwrapped
+        self._seen = task.observation, action
+        self._steps += 1
+        return self.env.step(action)
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; the reward is r_task plus that of the condition."""
-        observation, _, terminated, truncated, info = self.env.step(action)
-        self._steps += 1
+        observation, _, terminated, truncated, info = self.advance(action)
         reward, _ = self.judge(info["moment"])
         return observation, reward, terminated, truncated, info
 

@@ -87,8 +87,8 @@ class RunConfig:
     """What "dense" adds to the task reward: a name of `rewards.REWARDS`, or a function
     `moment -> float`."""
     feedback: str | Callable = "errp"
-    """What p(error) is worth: a name of `rewards.FEEDBACK`, or a function `p_error, share of the
-    training done -> reward`."""
+    """What p(error) is worth: a name of `rewards.FEEDBACK`, or a function like
+    `rewards.errp_feedback`."""
     sac: SACSettings = field(default_factory=SACSettings)
     """Hyper-parameters of the learner."""
     timing: Timing = field(default_factory=Timing)

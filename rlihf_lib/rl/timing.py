@@ -75,9 +75,8 @@ class LateReward(TrainingReward):
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; its reward is what is known of it now."""
-        observation, _, terminated, truncated, info = self.env.step(action)
+        observation, _, terminated, truncated, info = self.advance(action)
         self._now += 1
-        self._steps += 1
         moment, timing = info["moment"], self.timing
         over = moment.success or moment.lost
         if not over and self._now % timing.interval == 0:

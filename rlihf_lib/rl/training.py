@@ -6,6 +6,7 @@ import platform
 import resource
 import subprocess
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,14 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
     return TrainingReward(env, *told)
 
 
+def _doubt(model, observation, action):
+    """How far apart the critics are about a step, relative to their values."""
+    told = (torch.as_tensor(x, dtype=torch.float32)[None] for x in (observation, action))
+    with torch.no_grad():
+        first, second = map(float, model.critic(*told))
+    return abs(first - second) / (1 + abs(first + second) / 2)
+
+
 def train_run(
     config: RunConfig, p_error=None, progress=lambda step, success: None, decode=None
 ) -> dict[str, bytes]:
@@ -154,6 +163,7 @@ def train_run(
     env = training_reward(task, config, rows, np.random.default_rng(watching), decode)
     env.reset(seed=int(placement % EVALUATION_SEEDS))
     model = make_sac(env, config.sac, int(learning), LOG_EVERY)
+    env.doubt = partial(_doubt, model)
     record = _Record(config, env.observer, progress)
     try:
         model.learn(config.total_steps, callback=record)

@@ -1,0 +1,69 @@
+"""Experiments beyond the paper: one thing is varied, all else stays the study's."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rlihf_lib.beyond import EXPERIMENTS, PRIOR, Beyond
+from rlihf_lib.eeg.scores import auroc, calibration_error
+from rlihf_lib.rl.timing import Timing
+from rlihf_lib.study import Study
+from tests.rl.conftest import moment
+
+
+@pytest.fixture(scope="module")
+def beyond():
+    return Beyond(Study())
+
+
+def test_experiments_are_of_sixty_thousand_steps_and_three_seeds(beyond):
+    for name in EXPERIMENTS:
+        for case, runs in beyond.cases(name).items():
+            assert [config.seed for config in runs] == [0, 1, 2], case
+            assert {config.total_steps for config in runs} == {60_000}
+    assert beyond.runs == beyond.study.results / "beyond" / "runs"
+
+
+def test_runs_of_an_experiment_differ_in_what_it_varies(beyond):
+    same = {"lateness": "timing", "bias": "subject", "ladder": "subject", "observers": "observer"}
+    for name, varied in same.items():
+        runs = beyond.run_configs(name)
+        for entry in dataclasses.fields(runs[0]):
+            if entry.name not in ("seed", varied, "p_error_sha256"):
+                assert len({str(getattr(config, entry.name)) for config in runs}) == 1, entry.name
+    every = {config for name in EXPERIMENTS for config in beyond.run_configs(name)}
+    assert len({config.run_id for config in every}) == len(every), "no two share a folder"
+    assert {c.timing for c in beyond.cases("lateness")["every 1, 0 late"]} == {Timing()}
+
+
+def test_spoilt_calibration_leaves_the_auroc_as_it_was(beyond):
+    tables = dict(list(beyond.p_error.groupby("subject")))
+    aurocs, errors = {}, {}
+    for case, (config, *_) in beyond.cases("bias").items():
+        rows = tables[config.subject]
+        aurocs[case] = round(float(auroc(rows["p_error"], rows["label"])), 6)
+        weights = np.where(rows["label"] == 1, PRIOR, 1 - PRIOR)  # as many errors as expected
+        drawn = rows.sample(20_000, replace=True, weights=weights, random_state=0)
+        errors[case] = calibration_error(drawn["p_error"], drawn["label"])
+    assert len(set(aurocs.values())) == 1
+    assert errors.pop("calibrated") < 0.02 < min(errors.values())
+
+
+def test_forms_of_feedback_tell_right_from_wrong_by_as_much(beyond):
+    rows = beyond.p_error[beyond.p_error["subject"] == beyond.person]
+    contrasts = []
+    for config, *_ in beyond.cases("forms").values():
+        form = config.feedback if callable(config.feedback) else lambda p, *_: 1 - p
+        worth = config.w_hf * form(rows["p_error"].to_numpy(), 0.0, 0.0)
+        contrasts.append(worth[rows["label"] == 0].mean() - worth[rows["label"] == 1].mean())
+    assert contrasts == pytest.approx([contrasts[0]] * len(contrasts), rel=0.01)
+
+
+def test_observers_disagree_about_the_same_step(beyond):
+    at_full_speed = moment(remaining=0.5, best=0.53, clearance=0.06)
+    slowly = moment(remaining=0.5, best=0.508, clearance=0.06)
+    watchers = {name: runs[0].observer for name, runs in beyond.cases("observers").items()}
+    assert watchers["hates_speed"](at_full_speed) == 1 > watchers["hates_speed"](slowly)
+    near = moment(remaining=0.5, best=0.53, clearance=0.02)
+    assert watchers["planner"](near) == 0 < watchers["wary"](near) == 1
