@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 SUMS = "SHA256SUMS"  # of the other files of a folder, as `sha256sum -c` reads it
 
@@ -44,21 +45,33 @@ def atomic_path(path) -> Iterator[Path]:
 
 
 @contextmanager
+def locked(path, say=lambda owner: None) -> Iterator[IO[str]]:
+    """Hold the lock of a file, which is made; `say` gets what its owner wrote, if one waits."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # The system lets go of the lock when its owner dies, however it does.
+    with path.open("a+", encoding="utf-8") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.seek(0)
+            say(lock.read())
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield lock
+
+
+@contextmanager
 def one_at_a_time(folder, *beside) -> Iterator[None]:
     """Let one process at a time work in a folder, and in those beside it; the next one waits.
 
     It says for whom. What a process that was killed left half written in the folders is removed.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    # The system lets go of the lock when its owner dies, however it does.
-    with open(folder / ".lock", "a+", encoding="utf-8") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            lock.seek(0)
-            print(f"waiting for {lock.read()}, which works in {folder}", file=sys.stderr)
-            fcntl.flock(lock, fcntl.LOCK_EX)
+
+    def say(owner):
+        print(f"waiting for {owner}, which works in {folder}", file=sys.stderr)
+
+    with locked(folder / ".lock", say) as lock:
         lock.truncate(0)
         print(f"process {os.getpid()} on {platform.node()}, since {time.ctime()}", file=lock)
         lock.flush()

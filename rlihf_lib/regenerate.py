@@ -11,6 +11,7 @@ from typing import Any
 
 from rlihf_lib import progress
 from rlihf_lib.files import one_at_a_time, write_text
+from rlihf_lib.parallel import in_processes
 from rlihf_lib.study import REPOSITORY, Study
 
 NOTEBOOKS = REPOSITORY / "notebooks"
@@ -68,9 +69,10 @@ def select(only, study: Study) -> list[Step]:
 def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     """Execute steps and keep the executed copies in `study.notebooks`.
 
-    On `workers` processes, 0 = one per core. Before anything is computed, an OSError says if the
-    output folders cannot be written to or p(error) is neither there nor made, a ValueError if a
-    notebook lacks a parameter; then a NotebookError if a cell raises.
+    On `workers` processes, 0 = one per core; notebooks that only draw are executed side by side.
+    Before anything is computed, an OSError says if the output folders cannot be written to or
+    p(error) is neither there nor made, a ValueError if a notebook lacks a parameter; then a
+    NotebookError if a cell raises.
     """
     _check_writable(study)
     names = {step.notebook for step in steps}
@@ -87,8 +89,19 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     for notebook, _, parameters in jobs:
         check_parameters(notebook, parameters)
     with one_at_a_time(study.results, study.notebooks, study.tables, study.figures):
-        for job in jobs:
-            execute(*job)
+        for together in _groups(study, jobs, recompute):
+            n_processes = min(len(together), workers or os.cpu_count() or 1)
+            bars = n_processes == 1
+            for _ in in_processes(execute, [(*job, bars) for job in together], n_processes):
+                pass
+
+
+def _groups(study, jobs, recompute):
+    """Which notebooks can be executed at once: those that train nothing and read no EEG."""
+    if recompute or study.status()["missing"].any():
+        return [[job] for job in jobs]
+    first = [job for job in jobs if job[0].stem in FROM_EEG]
+    return [*([job] for job in first), [job for job in jobs if job not in first]]
 
 
 def _parameters(study, step, workers, recompute):
@@ -119,8 +132,8 @@ def check_parameters(notebook: Path, parameters) -> None:
             )
 
 
-def execute(notebook: Path, output: Path, parameters) -> None:
-    """Execute one notebook into `output`, showing its progress.
+def execute(notebook: Path, output: Path, parameters, bars=True) -> None:
+    """Execute one notebook into `output`, showing its progress, by `bars` where there is room.
 
     If a cell raises, a NotebookError names notebook, cell, the exception's last line and the copy.
     """
@@ -129,14 +142,15 @@ def execute(notebook: Path, output: Path, parameters) -> None:
 
     check_parameters(notebook, parameters)
     output.parent.mkdir(parents=True, exist_ok=True)
-    with _shown(output.stem):
+    bars = bars and sys.stderr.isatty()
+    with _shown(output.stem, bars):
         try:
             papermill.execute_notebook(
                 str(notebook),
                 str(output),
                 parameters=parameters,
                 kernel_name="python3",
-                progress_bar={"desc": output.stem, "disable": not sys.stderr.isatty()},
+                progress_bar={"desc": output.stem, "disable": not bars},
                 # Kernels warn on every start that they talk over localhost.
                 extra_arguments=["--IPKernelApp.log_level=50"],
             )
@@ -188,28 +202,27 @@ def _write_plain(copy):
 
 
 @contextmanager
-def _shown(title):
-    """Show how far long work in the kernel is: below the bar of cells, or as lines in a file."""
+def _shown(title, bars):
+    """Show how far long work in the kernel is: below the bar of cells, or as lines."""
     from tqdm import tqdm
 
-    terminal = sys.stderr.isatty()
     left = threading.Event()
     with (
         tempfile.TemporaryDirectory(prefix="rlihf-") as folder,
-        tqdm(position=1, leave=False, bar_format="{desc}", disable=not terminal) as line,
+        tqdm(position=1, leave=False, bar_format="{desc}", disable=not bars) as line,
     ):
         path = Path(folder) / "progress"
 
         def say(text):
-            if terminal:
+            if bars:
                 line.set_description_str(text)
             elif text:
                 print(f"{title}: {text}", flush=True)
 
         def watch():
             shown = ""
-            # A terminal is refreshed every second, a file gets a line now and then.
-            while not left.wait(1 if terminal else 15):
+            # A bar is refreshed every second, a line is written now and then.
+            while not left.wait(1 if bars else 15):
                 text = progress.read(path)
                 if text != shown:
                     say(text)

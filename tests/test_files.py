@@ -5,11 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import psutil
 import pytest
 
 from rlihf_lib.files import atomic_path, check_sums, one_at_a_time, sums, write_sums
+from rlihf_lib.report.saving import enter, manifest
+from rlihf_lib.study import Study
 
 HOLD = """
 import sys, time
@@ -93,3 +96,11 @@ def test_sums_name_what_has_changed_and_what_is_gone(tmp_path):
     (tmp_path / "a").write_text("c")
     with pytest.raises(ValueError, match="a is not what was written"):
         check_sums(tmp_path, may_lack=["a"])
+
+
+def test_entries_made_at_once_are_all_kept(tmp_path):
+    study = Study("smoke", out=tmp_path)
+    names = [f"figure_{i}" for i in range(40)]
+    with ThreadPoolExecutor(8) as executor:
+        list(executor.map(lambda name: enter(study, name, "04_metrics_tables", {}), names))
+    assert sorted(manifest(study.figures)) == sorted(names)

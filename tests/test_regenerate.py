@@ -8,6 +8,7 @@ import sys
 import time
 
 import nbformat
+import pandas as pd
 import pytest
 
 from rlihf_lib import regenerate
@@ -49,42 +50,6 @@ def test_help_is_short_and_starts_without_heavy_imports():
         assert option in result.stdout
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--profile", "huge"], "'huge'"),
-        (["--eeg", "/no/such/folder"], "neither simulated nor hri nor a folder"),
-        (["--only", "07"], "there is no notebook '07' to execute; choose from 01_dataset"),
-        (["--workers", "-1"], "'-1' is not a number of processes"),
-        (["--workers", "²"], "'²' is not a number of processes"),
-        (["--workers", "9" * 20], "is not a number of processes, 1 to 1000"),
-        (["--events", "", "b"], "give the names of two"),
-        (["--events", "hit", "hit"], "give the names of two"),
-        (["--events", "hit", "miss"], "for a folder only, not for simulated"),
-        (["--drop-channels", "Cz"], "can be dropped from a folder only, not from simulated"),
-        (["--p-error", "/no/such.csv"], "there is no file /no/such.csv"),
-        (["--p-error", "a.xlsx"], "give a table, FILE.csv"),
-        (["--p-error", "a.csv", "--eeg", "hri"], "give one of them"),
-        (["--wokers", "2"], "unrecognized arguments: --wokers"),
-    ],
-)
-def test_unknown_values_are_refused_by_name(arguments, message, capsys):
-    with pytest.raises(SystemExit) as error:
-        main([*arguments, "--list"])
-    assert error.value.code == 2
-    assert message in capsys.readouterr().err
-
-
-def test_an_output_folder_that_cannot_be_written_is_an_error_before_any_work(tmp_path, capsys):
-    (tmp_path / "file").write_text("a file, not a folder")
-    start = time.time()
-    assert main(["--profile", "smoke", "--out", str(tmp_path / "file")]) == 1
-    assert time.time() - start < 5
-    message = capsys.readouterr().err
-    assert str(tmp_path / "file") in message and "--out" in message
-    assert (tmp_path / "file").read_text() == "a file, not a folder"
-
-
 def test_feedback_that_is_missing_is_said_before_anything_is_trained(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
     assert main(["--profile", "smoke", "--out", str(tmp_path), "--only", "03"]) == 1
@@ -112,7 +77,9 @@ def test_of_a_table_of_p_error_what_reads_eeg_is_left_out(tmp_path):
 def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(tmp_path, monkeypatch):
     given = {}
     monkeypatch.setattr(
-        regenerate, "execute", lambda path, _, parameters: given.update({path.stem: parameters})
+        regenerate,
+        "execute",
+        lambda path, _, parameters, bars: given.update({path.stem: parameters}),
     )
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "sub-01_epo.fif").write_bytes(b"")
@@ -197,14 +164,36 @@ def test_executed_copies_hold_what_a_reader_sees_and_are_the_same_each_time(note
     assert "image/png" in picture.data, "a picture without sliders"
 
 
+ALL = ("profile", "eeg", "out", "workers", "recompute", "ship", "events", "drop_channels")
+PARAMETERS = "\n".join(f"{name} = None" for name in ALL)
+MEET = """
+import time
+from pathlib import Path
+(Path(out) / "{me}").touch()
+until = time.monotonic() + 60
+while not (Path(out) / "{other}").exists():
+    assert time.monotonic() < until, "nobody came"
+    time.sleep(0.05)
+"""
+
+
+def test_notebooks_that_only_draw_are_executed_side_by_side(notebook, tmp_path, monkeypatch):
+    names = "04_metrics_tables", "05_whf_ablation"
+    for me, other in (names, names[::-1]):
+        notebook(PARAMETERS, MEET.format(me=me, other=other)).rename(tmp_path / f"{me}.ipynb")
+    monkeypatch.setattr(regenerate, "NOTEBOOKS", tmp_path)
+    monkeypatch.setattr(Study, "p_error", lambda self: None)
+    monkeypatch.setattr(Study, "status", lambda self: pd.DataFrame({"missing": [0, 0]}))
+    study = Study("smoke", out=tmp_path)
+    regenerate.regenerate(study, select(["04", "05"], study), workers=2)
+    assert {path.stem for path in study.notebooks.iterdir()} == set(names)
+    notebook(PARAMETERS, "1 / 0").rename(tmp_path / "05_whf_ablation.ipynb")
+    with pytest.raises(NotebookError, match=r"05_whf_ablation.ipynb, cell In \[3\]"):
+        regenerate.regenerate(study, select(["04", "05"], study), workers=2)
+
+
 def test_the_command_exits_1_on_an_error_in_a_notebook(notebook, tmp_path, monkeypatch, capsys):
-    cell = "\n".join(
-        f"{name} = None"
-        for name in (
-            "profile", "eeg", "out", "workers", "recompute", "ship", "events", "drop_channels"
-        )
-    )  # fmt: skip
-    notebook(cell, "1 / 0").rename(tmp_path / "01_dataset_preprocessing.ipynb")
+    notebook(PARAMETERS, "1 / 0").rename(tmp_path / "01_dataset_preprocessing.ipynb")
     monkeypatch.setattr("rlihf_lib.regenerate.NOTEBOOKS", tmp_path)
     assert main(["--profile", "smoke", "--only", "01", "--out", str(tmp_path / "out")]) == 1
     message = capsys.readouterr().err

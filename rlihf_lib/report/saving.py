@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from rlihf_lib.files import atomic_path, sha256, write_csv, write_text
+from rlihf_lib.files import atomic_path, locked, sha256, write_csv, write_text
 from rlihf_lib.report.style import SMALL, WIDEST
 from rlihf_lib.study import REPOSITORY
 
@@ -78,10 +78,11 @@ def manifest(figures: Path) -> dict:
 
 
 def enter(study, name: str, notebook: str, hashes: dict) -> None:
-    """Enter a figure in the manifest."""
-    entries = manifest(study.figures) | {name: {"notebook": notebook, "sources": hashes}}
-    text = json.dumps(entries, indent=1, sort_keys=True) + "\n"
-    write_text(study.figures / "manifest.json", text)
+    """Enter a figure in the manifest, into which several notebooks may write at once."""
+    with locked(study.figures / ".manifest.lock"):
+        entries = manifest(study.figures) | {name: {"notebook": notebook, "sources": hashes}}
+        text = json.dumps(entries, indent=1, sort_keys=True) + "\n"
+        write_text(study.figures / "manifest.json", text)
 
 
 def stale(study) -> list[str]:
