@@ -21,12 +21,13 @@ def parser() -> argparse.ArgumentParser:
         description="From EEG recordings to every figure and table of the paper. What is done "
         "already, shipped results included, is used; the rest is computed.",
         epilog="`python -m rlihf_lib live --help`: p(error) of whoever wears the cap.",
+        allow_abbrev=False,
     )
     add = result.add_argument
-    add("--profile", choices=PROFILES, default="quick", help="size (default quick)")
+    add("--profile", choices=PROFILES, default="paper", help="size (default paper)")
     add("--eeg", default="simulated", metavar="simulated|hri|PATH", help="recordings: simulated "
         "(default), the paper's (downloads), or your folder; --list describes it")  # fmt: skip
-    add("--p-error", default="", metavar="FILE.csv", help="instead of recordings, what another "
+    add("--p-error", metavar="FILE.csv", help="instead of recordings, what another "
         "decoder says: subject, epoch, label, p_error")  # fmt: skip
     add("--events", nargs=2, default=EVENTS, metavar=("OK", "ERR"),
         help="names of the two events in your folder")  # fmt: skip
@@ -35,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
     add("--only", nargs="+", default=[], metavar="NB", help="notebooks to execute, such as 04 05")
     add("--workers", type=_worker_count, default=0, metavar="N",
         help="processes (default: the cores)")  # fmt: skip
-    add("--out", default="", metavar="DIR", help="where results/ and figures/ go (default: here)")
+    add("--out", metavar="DIR", help="where results/ and figures/ go (default: here)")
     add("--recompute", action="store_true", help="compute anew what is done")
     add("--list", action="store_true", help="what is done, missing, how long the rest takes")
     return result
@@ -84,6 +85,8 @@ def main(argv=None) -> int:
     try:
         study = _study(options)
         steps = select([name for item in options.only for name in item.split(",")], study)
+        if study.is_table:
+            study.p_error()  # before anything is trained
     except (OSError, ValueError) as error:
         command.error(str(error))
     try:
@@ -104,7 +107,9 @@ def main(argv=None) -> int:
 
 def _study(options):
     eeg = options.eeg
-    if options.p_error:
+    if options.out == "":
+        raise ValueError("--out is empty; give a folder, or leave it out to write here")
+    if options.p_error is not None:
         if eeg != "simulated":
             raise ValueError(
                 f"--p-error {options.p_error} stands for --eeg {eeg}; give one of them"
@@ -112,10 +117,7 @@ def _study(options):
         if not options.p_error.endswith(".csv"):
             raise ValueError(f"--p-error is {options.p_error!r}; give a table, FILE.csv")
         eeg = options.p_error
-    study = Study(options.profile, eeg, options.out, options.events, options.drop_channels)
-    if study.is_table:
-        study.p_error()  # before anything is trained
-    return study
+    return Study(options.profile, eeg, options.out or "", options.events, options.drop_channels)
 
 
 def _print_status(study, workers):

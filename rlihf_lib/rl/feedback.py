@@ -69,8 +69,9 @@ def read_table(path: Path, columns=COLUMNS) -> pd.DataFrame:
     """Read a table of p(error), or of the scores of decoders, that has at least some columns.
 
     A FileNotFoundError says if notebook 02 has not written it yet; a ValueError names a column that
-    is missing, or the line with a probability not in [0, 1], a label other than 0 and 1, an epoch
-    that a subject has twice, or a subject without epochs of both classes.
+    is missing or there twice, or the line with a probability not in [0, 1], a label other than 0
+    and 1, an epoch that is no number or that a subject has twice, or a subject without epochs of
+    both classes.
     """
     if not path.is_file():
         raise FileNotFoundError(
@@ -88,14 +89,20 @@ def read_table(path: Path, columns=COLUMNS) -> pd.DataFrame:
         raise ValueError(f"{path} has lines with more values than there are columns")
     if missing := [column for column in columns if column not in table.columns]:
         raise ValueError(
-            f"{path} lacks the column(s) {', '.join(missing)}; write it anew with notebook 02"
+            f"{path} lacks the column(s) {', '.join(missing)} (it has: {', '.join(table)}); write "
+            "it anew, with commas between the columns"
         )
+    if twice := [column for column in columns if f"{column}.1" in table]:
+        raise ValueError(f"{path} has the column(s) {', '.join(twice)} twice; leave one of them")
+    if table.empty:
+        raise ValueError(f"{path} has no rows; write it anew")
     if "p_error" not in columns:
         return table
-    p_error = pd.to_numeric(table["p_error"], errors="coerce")
+    p_error, epoch = (pd.to_numeric(table[n], errors="coerce") for n in ("p_error", "epoch"))
     faults = {
         "p_error is {p_error}, not in [0, 1]": ~p_error.between(0, 1),
         "label is {label}, neither 0 (correct) nor 1 (error)": ~table["label"].isin([0, 1]),
+        "epoch is {epoch!r}, not a whole number": ~(epoch.between(0, 2**53) & (epoch % 1 == 0)),
         "epoch {epoch} of {subject} is there twice": table.duplicated(["subject", "epoch"]),
     }
     for says, faulty in faults.items():
@@ -117,15 +124,21 @@ def adopt_table(path: Path, folder: Path) -> None:
     Errors as in `read_table`; a ValueError says, too, if a subject can't be part of a file's name.
     """
     table = read_table(path)[list(COLUMNS)]
+    known: dict[str, str] = {}
     ours = folder / "p_error.csv"
     if ours.is_file() and (folder / "scores.csv").is_file() and read_table(ours).equals(table):
         return
     rows = []
     for subject, part in table.groupby("subject", sort=False):
-        if not re.fullmatch(r"[A-Za-z0-9_]+", subject) or subject in CONTROLS:
+        if not re.fullmatch(r"[A-Za-z0-9_]{1,40}", subject) or subject in CONTROLS:
             raise ValueError(
-                f"{path}: subject {subject!r} can't name a run; use letters, digits and _, and "
-                f"none of {', '.join(CONTROLS)}"
+                f"{path}: subject {subject!r} can't name a run; use up to 40 letters, digits and "
+                f"_, and none of {', '.join(CONTROLS)}"
+            )
+        if (other := known.setdefault(subject.lower(), subject)) != subject:
+            raise ValueError(
+                f"{path}: runs of {other} and {subject} could not be told apart on every computer; "
+                "rename one"
             )
         p, label = part["p_error"].to_numpy(float), part["label"].to_numpy()
         scores = {
