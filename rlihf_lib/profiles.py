@@ -42,10 +42,14 @@ class Profile:
     rank: float = 0.5
     """Whose feedback trains policies where one person's does: 0 the weakest decoder's, 1 the
     strongest's."""
+    baseline_seeds: tuple[int, ...] = ()
+    """Of sparse and dense reward, where they have more than RLIHF."""
     ablation_seeds: tuple[int, ...] = (0,)
     """Of the seeds, those of the ablation."""
-    supplementary_seeds: tuple[int, ...] = (0,)
-    """Of the seeds, those of tuned sparse reward and of an ideal decoder."""
+    tuned_seeds: tuple[int, ...] = (0,)
+    """Of sparse reward with settings of its own."""
+    ideal_seeds: tuple[int, ...] = (0,)
+    """Of the seeds, those of an ideal decoder."""
     control_seeds: tuple[int, ...] = (0,)
     """Of the seeds, those of feedback that says nothing."""
     tuned_discounts: tuple[float, ...] = (0.98,)
@@ -55,6 +59,10 @@ class Profile:
     w_hf: float = 0.7
     """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
 
+    def seeds_of(self, condition) -> tuple[int, ...]:
+        """Return the seeds of a condition of the main comparison."""
+        return self.seeds if condition == "rlihf" else self.baseline_seeds or self.seeds
+
     def n_runs(self, stage, n_people) -> int:
         """Count the runs of a stage of `Study.run_configs` that waits for `n_people` decoders."""
         main, ablation = (
@@ -63,7 +71,7 @@ class Profile:
         )
         return {
             "rlihf": main * len(self.seeds),
-            "controls": len(self.supplementary_seeds) + 2 * len(self.control_seeds),
+            "controls": len(self.ideal_seeds) + 2 * len(self.control_seeds),
             "ablation": ablation * len(self.weights) * len(self.ablation_seeds),
         }[stage]
 
@@ -92,7 +100,8 @@ PROFILES = {
             n_ablation_subjects=1,
             rank=1.0,
             seeds=(0,),
-            supplementary_seeds=(),
+            tuned_seeds=(),
+            ideal_seeds=(),
             control_seeds=(),
             weights=(0.1, 0.7),
             total_steps=27_500,
@@ -107,20 +116,25 @@ PROFILES = {
             n_ablation_subjects=1,
             seeds=(0, 1),
             ablation_seeds=(0, 1),
-            supplementary_seeds=(),
+            tuned_seeds=(),
+            ideal_seeds=(),
             control_seeds=(),
             total_steps=60_000,
             eval_every=5_000,
         ),
+        # Of the study's five seeds (of the ablation two, of constant and shuffled p three) those
+        # whose runs are shipped; the others are being computed, in order.
         Profile(
             name="paper",
             n_subjects=None,
             n_policy_subjects=None,
             n_ablation_subjects=None,
-            seeds=(0, 1, 2, 3, 4),
-            ablation_seeds=(0, 1),
-            supplementary_seeds=(0, 1, 2, 3, 4),
-            control_seeds=(0, 1, 2),
+            seeds=(0,),
+            baseline_seeds=(0, 1, 2, 3, 4),
+            ablation_seeds=(0,),
+            tuned_seeds=(0, 1, 2, 3, 4),
+            ideal_seeds=(0,),
+            control_seeds=(0,),
             total_steps=150_000,
             eval_every=10_000,
         ),
@@ -132,7 +146,8 @@ PROFILES = {
             n_ablation_subjects=1,
             seeds=(100, 101),
             ablation_seeds=(100,),
-            supplementary_seeds=(100, 101),
+            tuned_seeds=(100, 101),
+            ideal_seeds=(100, 101),
             control_seeds=(),
             tuned_discounts=(0.98, 0.99),
             weights=(0.7,),

@@ -54,11 +54,12 @@ class Study:
     ------
     ValueError
         If profile or `eeg` are unknown, a folder holds no recordings (`eeg.folders.find`), `events`
-        are not two names, or events or channels to drop are named for a built-in source.
+        are not two names, events or channels to drop are named for a built-in source, or `out`
+        cannot be a folder.
     """
 
     def __init__(
-        self, profile="quick", eeg="simulated", out="", events=EVENTS, drop_channels=(), ship=True
+        self, profile="paper", eeg="simulated", out="", events=EVENTS, drop_channels=(), ship=True
     ):
         if profile not in PROFILES:
             raise ValueError(f"profile is {profile!r}; choose one of {', '.join(PROFILES)}")
@@ -77,7 +78,7 @@ class Study:
             if self.drop_channels:
                 raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
         self.name = f"{profile}-{self.eeg_name}"
-        self.out = Path(out).expanduser().resolve() if str(out) else REPOSITORY
+        self.out = _output(out) if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name
         self.decoder = self.results / "decoder"
         self.runs = self.results / "runs"
@@ -167,13 +168,13 @@ class Study:
         """
         profile = self.profile
         if stage in ("sparse", "dense"):
-            return [self._config(stage, seed) for seed in profile.seeds]
+            return [self._config(stage, seed) for seed in profile.seeds_of(stage)]
         if stage == "tuned":
             # Never giving up, and looking further ahead.
             return [
                 self._config("sparse", seed, patience=RunConfig.horizon, sac=settings)
                 for settings in [SACSettings(discount=d) for d in profile.tuned_discounts]
-                for seed in profile.supplementary_seeds
+                for seed in profile.tuned_seeds
             ]
         if stage not in STAGES:
             raise ValueError(f"stage is {stage!r}; choose one of {', '.join(STAGES)}")
@@ -183,7 +184,7 @@ class Study:
             seeds = dict.fromkeys(self.policy_subjects(ablation=True), profile.ablation_seeds)
         elif stage == "controls":
             nothing = dict.fromkeys(controls_of(self.median_subject()), profile.control_seeds)
-            seeds = {IDEAL: profile.supplementary_seeds, **nothing}
+            seeds = {IDEAL: profile.ideal_seeds, **nothing}
         table = self.feedback()
         sources = {
             subject: {
@@ -254,17 +255,35 @@ class Study:
         return seconds / steps if steps else SECONDS_PER_STEP
 
 
+def _full(path, what):
+    """Full path of what somebody has typed."""
+    try:
+        full = Path(path).expanduser().resolve()
+        full.exists()  # or its name is too long
+    except (OSError, RuntimeError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise ValueError(f"{what} is {str(path)[:80]!r}, which is no path: {reason}") from problem
+    return full
+
+
+def _output(out):
+    folder = _full(out, "the folder for results and figures (--out)")
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    if not there.is_dir():
+        raise ValueError(f"cannot write to {folder}, for {there} is a file; choose another --out")
+    return folder
+
+
 def _folder(eeg):
     """Full path and name of a folder of one's own EEG."""
     from rlihf_lib.eeg.folders import WANTED, find  # built-in sources don't need it
 
-    folder = Path(eeg).expanduser()
+    folder = _full(eeg, "eeg")
     if not eeg.strip() or not folder.is_dir():
         raise ValueError(
             f"eeg is {eeg!r}, neither {' nor '.join(EEG_SOURCES)} nor a folder; "
             f"give one of these or a folder of {WANTED}"
         )
-    folder = folder.resolve()
     if not folder.name:
         raise ValueError(
             f"the EEG folder {folder} has no name for its results; give a folder in it"
@@ -276,7 +295,7 @@ def _folder(eeg):
 
 def _table(eeg):
     """Full path and name of a table of p(error)."""
-    path = Path(eeg).expanduser().resolve()
+    path = _full(eeg, "p(error)")
     if not path.is_file():
         raise ValueError(
             f"there is no file {path}; give a table of p(error) with the columns "

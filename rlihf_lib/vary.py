@@ -85,8 +85,9 @@ def vary(
         name: told[name] for name in ("w_hf", "total_steps", "seeds", "weights") if name in told
     }
     if seeds:
-        sizes["ablation_seeds"] = told["seeds"]
-    sizes |= {"supplementary_seeds": (), "control_seeds": ()}  # stand beside the profile's runs
+        sizes["ablation_seeds"] = sizes["baseline_seeds"] = told["seeds"]
+    # These stand beside the profile's runs.
+    sizes |= {"tuned_seeds": (), "ideal_seeds": (), "control_seeds": ()}
     words = ", ".join(f"{name} {_word(value)}" for name, value in told.items())
     varied.profile = replace(study.profile, name=f"{study.profile.name}, {words}", **sizes)
     settings = RunConfig("dense", 0, varied.profile.total_steps, every, **varied.changes).hash

@@ -10,12 +10,10 @@ from itertools import groupby
 import pandas as pd
 
 from rlihf_lib.files import write_text
-from rlihf_lib.report.evaluations import add_phase
 from rlihf_lib.study import REPOSITORY, Study
 from tests.benchmarks.__main__ import BENCHMARKS
 
 PAGES = ("README.md", "results/README.md", "figures/README.md", "tests/benchmarks/README.md")
-PILOTS_METRICS = ("success", "completed", "collisions", "clearance (cm)")
 MEASURED = REPOSITORY / "tests" / "benchmarks" / "measured.json"
 #: What each figure shows, in the order of the gallery; also the alternative text of the pictures.
 CAPTIONS = {
@@ -28,6 +26,7 @@ CAPTIONS = {
     "fig6_whf": "Return and success for three weights of human feedback (Fig. 6)",
     "fig1_time_clearance": "Time and clearance of late successes, by weight: what feedback buys "
     "(Fig. 1, as data)",
+    "fig1_paths": "Paths round the obstacles, of dense reward and of each weight (Fig. 1, as data)",
     "eeg_trial_counts": "Correct and error epochs of each person",
     "eeg_waves": "Correct and error waves at Fz, Cz and Pz, and their difference, paired by person",
     "eeg_topographies": "Where on the head the difference shows, and when",
@@ -54,7 +53,7 @@ CAPTIONS = {
     "supplementary": "The same for tuned sparse reward and for the three controls of feedback",
     "safety": "Collisions and clearance during training",
     "paths": "Paths of trained policies round the obstacles, from above",
-    "decoder_vs_policy": "Late success against the AUROC of the person's decoder",
+    "decoder_vs_policy": "What decides: late success and return against the AUROC of the decoder",
 }
 
 
@@ -63,12 +62,21 @@ def results(study: Study) -> str:
     late = _table(study, "late").pivot(index="group", columns="metric", values="mean")
     people = _table(study, "subjects").sort_values("auroc")
     scores = study.scores()
-    weights = _table(study, "whf_late").query("group == 'rlihf' and metric == 'success'")
-    success = late["success"]
+    weights = _table(study, "whf_phases").query("group == 'rlihf' and metric == 'success'")
+    weights = weights.pivot(index="w_hf", columns="phase", values="mean")
+    success, clearance = late["success"], 100 * late["clearance"]
     n_people, n_seeds = len(people), len(study.profile.seeds)
-    by_weight = ", ".join(f"{row.mean:.2f} with {row.w_hf:g}" for row in weights.itertuples())
+    n_baseline = len(study.profile.seeds_of("dense"))
+    by_weight = ", ".join(f"{p.Mid:.2f} / {p.Late:.2f} with {w:g}" for w, p in weights.iterrows())
     accuracy, figures = scores["accuracy_online"], f"figures/{study.name}"
     rows = [
+        (
+            "Fig. 1",
+            "keeps the distance people prefer",
+            f"{clearance['rlihf']:.1f} cm from obstacles (dense: {clearance['dense']:.1f})",
+            f"{figures}/fig1_paths.png",
+            "05",
+        ),
         (
             "Fig. 3",
             "the task",
@@ -103,13 +111,14 @@ def results(study: Study) -> str:
         (
             "Fig. 6",
             "weight 0.7 learns fastest",
-            f"late success {by_weight}",
+            f"mid / late success {by_weight}",
             f"{figures}/fig6_whf.png",
             "05",
         ),
     ]
     lines = [
-        f"With {study.eeg_label}, {n_people} people, {n_seeds} seeds, "
+        f"With {study.eeg_label}, {n_people} people x {n_seeds} seed{'s' * (n_seeds > 1)} "
+        f"({n_baseline} of each baseline), "
         f"{study.profile.total_steps:,} steps:",
         "",
         "| | paper | ours | notebook |",
@@ -172,30 +181,22 @@ def feedback(study: Study) -> str:
 
 def pilots(study: Study) -> str:
     """Each group of pilots after the paper's number of steps."""
-    table = (
-        pilots_late()
-        .groupby(["group", "subject"], sort=False)
-        .agg(runs=("run", "size"), **{name: (name, "mean") for name in PILOTS_METRICS})
-    )
+    return _late_by_person("pilots-simulated")
+
+
+def smaller(study: Study) -> str:
+    """Each group of the study of 60,000 steps."""
+    return _late_by_person("quick-simulated")
+
+
+def _late_by_person(name):
+    """Means over the last third of training, of runs that are no longer shipped."""
+    table = pd.read_csv(REPOSITORY / "results" / name / "tables/late_by_person.csv")
     rows = [
-        (group, subject, int(row[0]), *(f"{value:z.2f}" for value in row[1:]))
-        for (group, subject), row in zip(table.index, table.to_numpy(), strict=True)
+        (row[0], "" if pd.isna(row[1]) else row[1], row[2], *(f"{x:z.2f}" for x in row[3:]))
+        for row in table.itertuples(index=False)
     ]
-    return _markdown(("condition", "person", "runs", *PILOTS_METRICS), rows)
-
-
-def pilots_late() -> pd.DataFrame:
-    """Average each shipped pilot over the last third of training: a row per run."""
-    rows = []
-    for folder in sorted((REPOSITORY / "results" / "pilots-simulated" / "runs").iterdir()):
-        config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-        late = add_phase(pd.read_csv(folder / "eval.csv")).query("phase == 'Late'")
-        person = config["subject"]
-        group = folder.name.rpartition("-seed")[0].replace(f"-w{config['w_hf']:g}-{person}", "")
-        named = {"group": group, "subject": person, "run": folder.name}
-        late = late.assign(**{"clearance (cm)": 100 * late["min_clearance"]})
-        rows.append({**named, **late[list(PILOTS_METRICS)].mean()})
-    return pd.DataFrame(rows)
+    return _markdown(table.columns, rows)
 
 
 def speed(study: Study) -> str:
@@ -277,7 +278,7 @@ def _markdown(header, rows):
 
 PARTS = {
     part.__name__: part
-    for part in (results, decoding, feedback, pilots, speed, benchmarks, gallery)
+    for part in (results, decoding, feedback, pilots, smaller, speed, benchmarks, gallery)
 }
 
 

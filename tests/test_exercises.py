@@ -13,12 +13,12 @@ from papermill.parameterize import parameterize_notebook
 
 from rlihf_lib.exercises import check, judge
 from rlihf_lib.regenerate import NOTEBOOKS
-from rlihf_lib.study import REPOSITORY
+from rlihf_lib.study import REPOSITORY, Study
 from tests.eeg.conftest import planted_epochs
 
 TAG = re.compile(r"exercise-(\d+)$")
 FENCED = re.compile(r"<details>.*?```python\n(.*?)\n```.*?</details>", re.S)
-SHIPPED = "results/quick-simulated"
+SHIPPED = f"results/{Study().name}"
 #: What is small enough to be computed here. Exercises of the other notebooks need nothing but the
 #: cell of imports and what follows "Your turn", as the teacher's page says, and what is shipped.
 SMALL = {"01_dataset_preprocessing": "simulated", "02_loso_decoder": "a folder of epochs"}

@@ -37,7 +37,7 @@ def lab(tmp_path_factory):
     """JupyterLab on a folder with notebook 05, the runs that it shows, and an endless one."""
     root = tmp_path_factory.mktemp("lab")
     shutil.copy(NOTEBOOKS.parent / "README.md", root)
-    study, copy = Study("quick"), Study("quick", out=root / "out")
+    study, copy = Study(), Study(out=root / "out")
     shutil.copytree(study.decoder, copy.decoder)
     shutil.copytree(study.runs, copy.runs)
     nb = nbformat.read(NOTEBOOKS / "05_whf_ablation.ipynb", as_version=4)

@@ -21,7 +21,7 @@ from rlihf_lib.vary import vary
 
 NAMES = list(dict.fromkeys(step.notebook for step in STEPS))
 PARAMETERS = {
-    "profile": "quick",
+    "profile": "paper",
     "eeg": "simulated",
     "out": "",
     "workers": 0,
@@ -181,7 +181,7 @@ def test_the_simulated_eeg_is_owned_up_to(smoke):
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.title)
 def test_shipped_copies_are_in_step_with_their_sources(step):
-    path = Study("quick").notebooks / f"{step.title}.ipynb"
+    path = Study().notebooks / f"{step.title}.ipynb"
     copy, text = nbformat.read(path, as_version=4), path.read_text(encoding="utf-8")
     cells = [c for c in copy.cells if "injected-parameters" not in c.metadata.get("tags", [])]
     assert [c.source for c in cells] == [c.source for c in read(step.notebook).cells]

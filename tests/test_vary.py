@@ -5,7 +5,7 @@ import pytest
 from rlihf_lib.study import Study
 from rlihf_lib.vary import choose, vary
 
-STUDY = Study("quick")
+STUDY = Study()
 
 
 def hates_speed(moment):
@@ -40,14 +40,14 @@ def test_varied_runs_have_what_was_asked_for_and_folders_of_their_own():
     assert varied.figures.parent == varied.runs.parent
     assert varied.decoder == STUDY.decoder
     assert "hates_speed" in varied.profile.name and "20000" in varied.profile.name
-    assert STUDY.run_configs("rlihf")[0].total_steps == 60_000, "the study stays as it was"
+    assert STUDY.run_configs("rlihf")[0].total_steps == 150_000, "the study stays as it was"
 
 
 def test_other_values_have_other_folders_and_equal_ones_the_same():
     folders = [
         vary(STUDY, **told).runs
         for told in ({"w_hf": 0.3}, {"w_hf": 0.4}, {"observer": "lay"}, {"seeds": [7]},
-                     {"subject": "s04"}, {"total_steps": 5_000}, {"sac": {"tau": 0.02}})
+                     {"subject": "s04"}, {"total_steps": 10_000}, {"sac": {"tau": 0.02}})
     ]  # fmt: skip
     assert len(set(folders)) == len(folders)
     assert vary(STUDY, w_hf=0.3).runs == folders[0]
@@ -62,7 +62,7 @@ def test_other_values_have_other_folders_and_equal_ones_the_same():
         ({"w_hf": -1}, "w_hf: -1 is no weight"),
         ({"weights": [0.1, 11]}, "weights: 11 is no weight"),
         ({"seeds": [0.5]}, "give whole numbers"),
-        ({"total_steps": 1234}, "total_steps is 1234; give a multiple of 5000"),
+        ({"total_steps": 1234}, "total_steps is 1234; give a multiple of 10000"),
         ({"observer": "boss"}, "observer is 'boss'; choose one of path, lay"),
         ({"reward": "money"}, "reward is 'money'; choose one of path"),
         ({"sac": {"tua": 0.1}}, "sac has no tua; it has hidden"),

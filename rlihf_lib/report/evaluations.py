@@ -11,10 +11,11 @@ from rlihf_lib.report.style import label, ordered
 from rlihf_lib.rl.feedback import person_and_control
 from rlihf_lib.rl.runs import read_run
 
-#: Values each metric can take.
+#: Values each metric can take; clearance is that of rollouts that place the can.
 RANGES = {
-    "return": NO_BOUNDS, "success": PROBABILITY, "path_efficiency": PROBABILITY,
-    "path_deviation": (0, np.inf), "collisions": (0, np.inf), "min_clearance": NO_BOUNDS,
+    "return": NO_BOUNDS, "success": PROBABILITY, "completed": PROBABILITY,
+    "path_efficiency": PROBABILITY, "path_deviation": (0, np.inf), "collisions": (0, np.inf),
+    "clearance": NO_BOUNDS,
 }  # fmt: skip
 METRICS = tuple(RANGES)
 
@@ -33,10 +34,11 @@ def load_runs(study, stages: Iterable[str] = paper.CONDITIONS) -> pd.DataFrame:
     """Read the evaluations of the finished runs of some stages of `study.run_configs`.
 
     A row per rollout: run, group (`group_of`), condition, person (whose p(error) it drew on, "" for
-    nobody's), subject, w_hf, seed; the columns of `eval.csv`; phase (`add_phase`). A run that is
+    nobody's), subject, w_hf, seed; the columns of `eval.csv`; those of `derive`. A run that is
     missing raises FileNotFoundError; a table that lacks a column or a number, ValueError.
     """
-    return add_phase(_read_runs(study, stages, "eval.csv", ("step", "rollout", *METRICS)))
+    needed = ("step", "rollout", *METRICS[:-1], "min_clearance")
+    return derive(_read_runs(study, stages, "eval.csv", needed))
 
 
 def load_training(study, stages: Iterable[str]) -> pd.DataFrame:
@@ -58,19 +60,22 @@ def _read_runs(study, stages, name, columns):
     return pd.concat(frames, ignore_index=True)
 
 
-def add_phase(runs: pd.DataFrame) -> pd.DataFrame:
-    """Add the column phase: Early, Mid, Late are the thirds of training, as in the paper.
+def derive(runs: pd.DataFrame) -> pd.DataFrame:
+    """Add the columns phase and clearance.
 
-    Runs are evaluated after their last step; the paper's thirds end at 50k, 100k and 150k.
+    Early, Mid and Late are the thirds of training, as in the paper; runs are evaluated after their
+    last step, the paper's thirds end at 50k, 100k and 150k. Clearance is the smallest of a rollout
+    that places the can, in m: who stays at the start keeps it, too.
     """
     third = np.ceil(3 * runs["step"] / runs["step"].max()).clip(1, 3).astype(int) - 1
-    return runs.assign(phase=pd.Categorical.from_codes(third, paper.PHASES, ordered=True))
+    phase = pd.Categorical.from_codes(third, paper.PHASES, ordered=True)
+    return runs.assign(phase=phase, clearance=runs["min_clearance"].where(runs["success"] == 1))
 
 
-def late_scores(runs: pd.DataFrame) -> pd.DataFrame:
-    """Average each run over the late phase, a row per run: the score by which runs are compared."""
+def phase_scores(runs: pd.DataFrame, phase: str = "Late") -> pd.DataFrame:
+    """Average each run over a phase, a row per run: the score by which runs are compared."""
     keys = ["group", "person", "subject", "w_hf", "seed", "run"]
-    return runs[runs["phase"] == "Late"].groupby(keys)[list(METRICS)].mean().reset_index()
+    return runs[runs["phase"] == phase].groupby(keys)[list(METRICS)].mean().reset_index()
 
 
 def units(runs: pd.DataFrame, metric: str) -> np.ndarray:

@@ -1,12 +1,12 @@
-"""Figures of policies: Fig. 2, 4, 6, what the learner says of itself, what is reached in the end.
+"""Figures of learning: Fig. 2, 4, 6, and what the learner says of itself.
 
-Most take the table of `evaluations.load_runs`. Lines and diamonds are means over people and seeds,
-bands and bars their 95 % intervals (`statistics`); where fewer than five people, or seeds of one,
-were drawn, the runs themselves are shown. Of the late phase, dots are runs.
+Most take the table of `evaluations.load_runs`. Lines are means over people and seeds, bands their
+95 % intervals (`statistics`); where fewer than five people, or seeds of one, were drawn, the runs
+themselves are shown.
 """
 
+from collections.abc import Iterator
 from itertools import cycle
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from rlihf_lib.report import paper, style
 from rlihf_lib.report import statistics as st
-from rlihf_lib.report.evaluations import RANGES, late_scores, size, unit_means
+from rlihf_lib.report.evaluations import RANGES, unit_means
 
 AXIS_LABELS = {
     "return": "Evaluation return",
@@ -26,7 +26,8 @@ AXIS_LABELS = {
     "path_efficiency": "Path efficiency",
     "path_deviation": "Path deviation (m)",
     "collisions": "Collisions per episode",
-    "min_clearance": "Minimum clearance (cm)",
+    "completed": "Share of the path completed",
+    "clearance": "Clearance of placed cans (cm)",
     "critic_loss": "Critic loss",
     "ent_coef": r"Entropy coefficient $\alpha$",
     "mean_q": "Mean Q",
@@ -34,8 +35,6 @@ AXIS_LABELS = {
 }
 STEPS = "Steps (thousands)"
 SHARE = (-0.03, 1.03)  # limits of an axis of shares, with room for lines at 0 and 1
-CONTROL_STEP = 0.1  # s
-RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
 
 
 def overview_figure(scene, waves, p_error, runs) -> Figure:
@@ -145,14 +144,14 @@ def figure_6(runs: pd.DataFrame) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.6))
     for ax, metric in zip(axes, ("return", "success"), strict=True):
         group_curves(runs, ax, ("sparse", "dense"), metric)
-        for chosen, look in _by_weight(runs[runs["group"] == "rlihf"]):
+        for chosen, look in by_weight(runs[runs["group"] == "rlihf"]):
             learning_curve(chosen, ax, metric, markersize=3.5, **look)
         name_axes(ax, runs, metric)
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return fig
 
 
-def _by_weight(rows):
+def by_weight(rows: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, dict]]:
     """Part rows by the weight of human feedback, each with its name, shade and marker."""
     weights = dict(list(rows.groupby("w_hf")))
     shades = style.shades(weights)
@@ -192,9 +191,39 @@ def learner_figure(training: pd.DataFrame, condition: str) -> Figure:
         ax.plot(thousands, training[column], color=shade, lw=0.9, marker=marker)
         name_axes(ax, training, column)
         ax.set(xlabel=STEPS, xlim=(0, None))
-        if column in ("critic_loss", "ent_coef") and training[column].notna().any():
-            ax.set_yscale("log", subs=())  # not where nothing is learnt, as in the first steps
-            ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
+        if column in ("critic_loss", "ent_coef"):
+            _log_axis(ax, training[column])
+    return fig
+
+
+def _log_axis(ax, values):
+    if values.notna().any():  # as they are not before anything is learnt
+        ax.set_yscale("log", subs=())
+        ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
+
+
+def weights_figure(training: pd.DataFrame) -> Figure:
+    """What the critics have to learn beside human feedback, by its weight.
+
+    The entropy coefficient, and the root of the critic loss (the size of their errors), both in
+    units of the weight, that is of what a step can earn by feedback: means over the runs of
+    `evaluations.load_training`, in windows of ten times 1,000 steps.
+    """
+    own = training[training["w_hf"] > 0]
+    own = own.assign(
+        window=own["step"].sub(1) // 10_000 * 10 + 5,
+        alpha=own["ent_coef"] / own["w_hf"],
+        error=np.sqrt(own["critic_loss"]) / own["w_hf"],
+    )
+    fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.3))
+    words = {"alpha": r"$\alpha$ / $w_{hf}$", "error": "Error of the critics / $w_{hf}$"}
+    for ax, (column, name) in zip(axes, words.items(), strict=True):
+        for chosen, look in by_weight(own):
+            ax.plot(chosen.groupby("window")[column].mean(), ms=3.5, **look)
+        name_axes(ax, own, "critic_loss")
+        ax.set(ylabel=name)
+        _log_axis(ax, own[column])
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return fig
 
 
@@ -206,113 +235,4 @@ def success_figure(runs: pd.DataFrame) -> Figure:
         ax.set_ylim(bottom=0)
         name_axes(ax, runs, metric)
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return fig
-
-
-def safety_figure(runs: pd.DataFrame) -> Figure:
-    """Collisions and minimum clearance in the late phase."""
-    late = late_scores(runs).assign(min_clearance=lambda table: 100 * table["min_clearance"])
-    fig, axes = plt.subplots(1, 2, figsize=(style.COLUMN_WIDTH, 2.3))
-    rng = np.random.default_rng(0)
-    for ax, metric in zip(axes, ("collisions", "min_clearance"), strict=True):
-        for x, group in enumerate(paper.CONDITIONS):
-            shade = style.color(group)
-            scores = late[late["group"] == group].set_index("subject")[metric].dropna()
-            ax.plot(x + rng.uniform(-0.12, 0.12, len(scores)), scores, color=shade, **RUNS)
-            mean_and_interval(scores, ax, x + 0.25, metric, shade)
-        ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
-        ax.set_xticks(range(3), [style.label(g).removeprefix("RL ") for g in paper.CONDITIONS])
-        ax.set_ylim(0, 1.1 * late[metric].max() or 1)
-    return fig
-
-
-def mean_and_interval(scores: pd.Series, ax: Axes, x: float, metric: str, shade: str) -> None:
-    """Draw the mean of runs' scores, indexed by subject, as a diamond with its interval, at `x`."""
-    means = unit_means(scores)
-    ax.vlines(x, *st.mean_interval(means, RANGES[metric]), color=shade)
-    ax.plot(x, means.mean(), "D", color=shade, ms=4)
-
-
-def trade_off_figure(runs: pd.DataFrame) -> Figure:
-    """Time taken against clearance kept, over the late rollouts that place the can (cf. Fig. 1).
-
-    Of dense reward and of RLIHF at any weights; `runs` has the column steps.
-    """
-    late = runs.query("phase == 'Late' and success == 1")
-    late = late.assign(seconds=CONTROL_STEP * late["steps"], cm=100 * late["min_clearance"])
-    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.6))
-    placed = late.groupby(["group", "w_hf", "subject", "run"])[["seconds", "cm"]].mean()
-    dense = {"label": style.label("dense"), "color": style.color("dense"), "marker": "D"}
-    weights = _by_weight(placed.query("group == 'rlihf'"))
-    for scores, look in [(placed.query("group == 'dense'"), dense), *weights]:
-        if len(scores):
-            means = unit_means(scores)
-            (x, y), intervals = means.mean(), st.mean_interval(means)
-            arms = np.abs(intervals - [[x, y]])
-            ax.plot(*scores.to_numpy().T, color=look["color"], **RUNS)
-            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], ls="", ms=4.5, **look)
-    if not len(late):
-        ax.text(0.5, 0.5, "no run places the can", transform=ax.transAxes, ha="center")
-    ax.set(xlabel="Time to place the can (s)", ylabel=AXIS_LABELS["min_clearance"])
-    ax.set_ylim(bottom=0)
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    return fig
-
-
-def comparison_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
-    """Performance profiles of late success, and how likely a run of RLIHF beats one of another.
-
-    A profile is the share of runs with a score above each threshold (Agarwal et al. 2021), of every
-    group in `runs`; `table` is from `tables.comparison_table`.
-    """
-    fig, (left, right) = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.4), width_ratios=[1.2, 1])
-    taus, late = np.linspace(0, 1, 101), late_scores(runs)
-    for group in style.ordered(late["group"]):
-        chosen = late[late["group"] == group]
-        above = chosen[["success"]].to_numpy() > taus
-        shares = unit_means(pd.DataFrame(above, chosen["subject"], dtype=float))
-        name = f"{style.label(group)} ({size(chosen)})"
-        left.step(taus, shares.mean(), where="post", label=name, **style.line_style(group))
-        low, high = st.mean_interval(shares, st.PROBABILITY)
-        left.fill_between(taus, low, high, step="post", color=style.color(group), alpha=0.18, lw=0)
-    left.set(xlabel=r"Late success rate $\tau$", ylabel=r"Share of runs above $\tau$")
-    left.set(xlim=(-0.02, 1.02), ylim=SHARE)
-    fig.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    rows = table[table["metric"] == "success"][::-1]
-    places, shade = range(len(rows)), style.color("rlihf")
-    right.hlines(places, rows["improvement_low"], rows["improvement_high"], color=shade)
-    right.plot(rows["improvement"], places, "D", ms=4, color=shade)
-    right.axvline(0.5, **style.REFERENCE)
-    right.set_yticks(places, rows["comparison"].str.replace(" - ", " > "))
-    right.set(xlim=SHARE, ylim=(-0.6, len(rows) - 0.4), xlabel="P(better) in late success")
-    return fig
-
-
-def decoder_policy_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
-    """Does a better decoder give a better policy? Late success against AUROC, a point a person.
-
-    `table` is from `tables.subject_table`. People are named whose policies stay behind dense reward
-    by more than `statistics.EQUIVALENCE_MARGIN`. The title holds Spearman's correlation.
-    """
-    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.5))
-    shade = style.color("rlihf")
-    late = late_scores(runs).query("group == 'rlihf'").merge(table[["subject", "auroc"]])
-    ax.plot(late["auroc"], late["success"], color=shade, **RUNS)
-    ax.vlines(table["auroc"], table["success_low"], table["success_high"], color=shade)
-    ax.plot(table["auroc"], table["success"], "D", color=shade, ms=4, label=style.label("rlihf"))
-    behind = table[table["success"] < table["dense"] - st.EQUIVALENCE_MARGIN].sort_values("auroc")
-    heights = cycle((4, -9))  # neighbours' names above and below
-    for row, height in zip(behind.itertuples(), heights, strict=False):
-        place = row.auroc, row.success
-        ax.annotate(row.subject, place, (4, height), textcoords="offset points", fontsize=7)
-    ax.axhline(table["dense"].iloc[0], **style.line_style("dense"), label=style.label("dense"))
-    r = st.spearman(table["auroc"], table["success"])
-    spread = "no interval" if np.isnan(r["ci_low"]) else f"[{r['ci_low']:.2f}, {r['ci_high']:.2f}]"
-    ax.set_title(
-        rf"Spearman's $\rho$ = {r['rho']:.2f}, {spread}, n = {r['n']}"
-        f"\np = {r['p']:.2g} (smallest possible: {r['smallest_p']:.2g})"
-    )
-    ax.set(xlabel="AUROC of the held-out person", ylabel="Success rate, late phase")
-    ax.set_ylim(-0.05, 1.05)
-    ax.legend()
     return fig

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
-from rlihf_lib.report.style import LABELS, PAGE_WIDTH, line_style
+from rlihf_lib.report.style import LABELS, PAGE_WIDTH, color, line_style, shades
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.rendering import project, render
 from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
@@ -161,6 +161,31 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
         title_fontsize=7,
     )  # fmt: skip
     return figure
+
+
+def paths_by_weight(env: PickPlaceEnv, recordings: dict, zones: tuple[float, ...]) -> Figure:
+    """Draw the hand's paths from above, a panel each for dense reward and each weight (cf. Fig. 1).
+
+    `recordings` holds, as "dense" and by weight of human feedback, `evaluation.Recording`s of the
+    placement to which `env` is reset; `zones` are distances from obstacles, metres.
+    """
+    fig, axes = plt.subplots(
+        1, len(recordings), figsize=(PAGE_WIDTH, 2.1), sharey=True, squeeze=False
+    )
+    tones = shades(key for key in recordings if key != "dense")
+    for ax, (key, runs) in zip(axes.flat, recordings.items(), strict=True):
+        _draw_scene(env, ax, FROM_ABOVE, alpha=0.8)
+        _draw_zones(env.workspace, ax, sorted(zones, reverse=True))
+        tone, name = tones.get(key, color("dense")), LABELS.get(key, f"RLIHF, {key}")
+        for run in runs:
+            path = run.hand[:, FROM_ABOVE]
+            ax.plot(*path.T, lw=0.7, alpha=0.8, color=tone)
+            ax.plot(*path[-1], marker="*" if run.success else "x", color=tone, ms=5)
+        placed = sum(run.success for run in runs)
+        ax.set_title(f"{name}: {placed} of {len(runs)} placed", fontsize=8)
+        ax.set(xlabel="y (m)", ylim=(0.2, -0.32))
+    axes[0, 0].set_ylabel("x, away from the robot (m)")
+    return fig
 
 
 def _draw_zones(workspace, ax, distances):

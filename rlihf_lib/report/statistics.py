@@ -185,8 +185,8 @@ def equivalence_test(
 def holm(p: ArrayLike) -> np.ndarray:
     """Holm's correction: p of every test of a family such that any error has the stated level."""
     p = np.asarray(p, float)
-    order = np.argsort(p)
-    corrected = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)).clip(max=1)
+    order, n = np.argsort(p), np.isfinite(p).sum()  # NaN, which is last, is no test
+    corrected = np.maximum.accumulate(p[order] * np.arange(n, n - len(p), -1)).clip(max=1)
     return corrected[np.argsort(order)]
 
 

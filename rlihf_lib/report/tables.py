@@ -8,7 +8,7 @@ import pandas as pd
 
 from rlihf_lib.report import paper
 from rlihf_lib.report import statistics as st
-from rlihf_lib.report.evaluations import METRICS, RANGES, late_scores, size, units
+from rlihf_lib.report.evaluations import METRICS, RANGES, phase_scores, size, units
 from rlihf_lib.report.style import label, ordered
 
 SPREAD = (
@@ -20,7 +20,10 @@ TESTED = (
     "the smallest that could come out at this n; Holm: corrected for all tests of the table"
 )
 NO_INTERVAL = ", no interval"
-DIGITS = {"return": 0, "min_clearance": 3}  # of the others: 2
+#: What is compared of two groups (`statistics.difference`, `statistics.improvement`).
+COMPARED = ("difference", "ci_low", "ci_high", "p", "smallest_p", "improvement", "improvement_low",
+            "improvement_high")  # fmt: skip
+DIGITS = {"return": 0, "clearance": 3}  # of the others: 2
 
 
 def summarise(runs: pd.DataFrame, by: list[str], metrics: Sequence[str] = METRICS) -> pd.DataFrame:
@@ -39,6 +42,8 @@ def summarise(runs: pd.DataFrame, by: list[str], metrics: Sequence[str] = METRIC
         per_run = group.groupby(["subject", "run"])[metrics].mean().reset_index()
         for metric in metrics:
             scores = units(per_run, metric)
+            if not len(scores):  # no clearance, for no run places the can
+                continue
             low, high = st.mean_interval(np.nanmean(scores, axis=1), RANGES[metric])
             iqm_low, iqm_high = st.iqm_interval(scores, RANGES[metric])
             rows.append(
@@ -87,7 +92,7 @@ def show_summary(table: pd.DataFrame, by: list[str], columns: Iterable[str]) -> 
     """
     rows = []
     for keys, cells in table.groupby(by, sort=False, observed=True):
-        texts = {}
+        texts = dict.fromkeys(columns, "")
         for c in cells.itertuples():
             texts[c.metric] = _text(c.metric, c.mean, c.ci_low, c.ci_high, c.sd) or "not run"
             texts[f"iqm {c.metric}"] = _text(c.metric, c.iqm, c.iqm_low, c.iqm_high)
@@ -109,16 +114,20 @@ def _text(metric, value, low=np.nan, high=np.nan, sd=np.nan):
 def compare(
     first: pd.DataFrame, second: pd.DataFrame, metric: str, equivalence: bool = False
 ) -> dict:
-    """Compare two groups of `evaluations.late_scores`, over the people whom both know.
+    """Compare two groups of `evaluations.phase_scores`, over the people whom both know.
 
     Where both know two people or more, they are paired; the seeds of one person, or of a baseline
     that knows none, are not, for five pairs of seeds can't get below p = .06. Returns metric; n, in
     words; what `statistics.difference` and `statistics.improvement` say; if asked, p_equivalent and
     smallest_p_equivalent (`statistics.equivalence_test`).
     """
-    shared = (set(first["person"]) & set(second["person"])) - {""}
-    if shared:
+    first, second = (group.dropna(subset=metric) for group in (first, second))
+    people, others = (set(group["person"]) - {""} for group in (first, second))
+    shared = people & others
+    if people and others:
         first, second = (g[g["person"].isin(shared)] for g in (first, second))
+    if first.empty or second.empty:  # no clearance, for nobody places the can with both
+        return {"metric": metric, "n": "nobody", **dict.fromkeys(COMPARED, np.nan)}
     paired = len(shared) > 1
     x, y = units(first, metric), units(second, metric)
     low, high = RANGES[metric]
@@ -143,8 +152,8 @@ def comparison_table(
     Success is also tested for being equal to that of dense reward, as the paper claims. Columns
     comparison, those of `compare`, p_holm and smallest_p_holm.
     """
-    late = dict(list(late_scores(runs).groupby("group")))
-    return _family(
+    late = dict(list(phase_scores(runs).groupby("group")))
+    return family(
         {
             "comparison": f"{label('rlihf')} - {label(other)}",
             **compare(late["rlihf"], late[other], metric, (other, metric) == ("dense", "success")),
@@ -156,23 +165,32 @@ def comparison_table(
 
 def weight_comparison(runs: pd.DataFrame) -> pd.DataFrame:
     """Compare every two weights in the late phase, larger minus smaller; as `comparison_table`."""
-    weights = dict(list(late_scores(runs).query("group == 'rlihf'").groupby("w_hf")))
-    return _family(
+    weights = dict(list(phase_scores(runs).query("group == 'rlihf'").groupby("w_hf")))
+    return family(
         {"comparison": f"RLIHF {b:g} - {a:g}", **compare(weights[b], weights[a], metric)}
-        for metric in ("return", "success")
+        for metric in ("return", "success", "clearance")
         for a, b in combinations(weights, 2)
     )
 
 
-def _family(rows, tests=("p",)):
+def family(rows: Iterable[dict], tests: Iterable[str] = ("p",)) -> pd.DataFrame:
     """Correct the tests for one another, and the smallest p that could come out alike."""
     table = pd.DataFrame(rows)
     names = [name for test in tests for name in (test, f"smallest_{test}")]
     return table.assign(**{f"{name}_holm": st.holm(table[name]) for name in names})
 
 
+def _p(p, smallest):
+    if np.isnan(p):
+        return ""
+    return f"{p:.2g} ({smallest:.2g})" if smallest < 1 else "no test"
+
+
 def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
-    """Lay comparisons out as strings: each p with the smallest that could come out in brackets."""
+    """Lay comparisons out as strings: each p with the smallest that could come out in brackets.
+
+    Where no other p than 1 could, as of one run against another, there is no test.
+    """
     shown = table[["metric", "comparison"]].replace({"metric": {"_": " "}}, regex=True)
     shown.columns = ["metric", "compared, late phase"]
     rows = list(table.itertuples())
@@ -184,38 +202,5 @@ def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
         if name in table:
             words = name.replace("_", ", ").replace("holm", "Holm")
             pairs = zip(table[name], table[f"smallest_{name}"], strict=True)
-            shown[words] = ["" if np.isnan(p) else f"{p:.2g} ({least:.2g})" for p, least in pairs]
+            shown[words] = [_p(*pair) for pair in pairs]
     return shown.assign(n=table["n"])
-
-
-def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
-    """Decoder and policy side by side, and each person's policy against dense reward (late phase).
-
-    From the runs of the main comparison and `decoder/scores.csv`, by AUROC. Columns subject, auroc,
-    balanced_accuracy, accuracy_online; of late success success, success_low, success_high, dense,
-    what `compare` says and Holm's p of both its tests; return.
-    """
-    late = late_scores(runs)
-    dense = late.query("group == 'dense'")
-    rows = []
-    for person, own in late.query("group == 'rlihf'").groupby("subject"):
-        low, high = st.mean_interval(own["success"], st.PROBABILITY)
-        rows.append(
-            {
-                "subject": person, "comparison": f"RLIHF {person} - {label('dense')}",
-                "success": own["success"].mean(),
-                "success_low": low, "success_high": high, "dense": dense["success"].mean(),
-                "return": own["return"].mean(), **compare(own, dense, "success", True),
-            }
-        )  # fmt: skip
-    decoder = scores[["subject", "auroc", "balanced_accuracy", "accuracy_online"]]
-    table = decoder.merge(_family(rows, ("p", "p_equivalent")), on="subject")
-    return table.sort_values("auroc", ignore_index=True)
-
-
-def correlation_table(people: pd.DataFrame) -> pd.DataFrame:
-    """`statistics.spearman` of AUROC with what the policies reach late, over `subject_table`."""
-    return pd.DataFrame(
-        {"metric": metric, **st.spearman(people["auroc"], people[metric])}
-        for metric in ("success", "return")
-    )

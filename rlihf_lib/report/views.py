@@ -9,13 +9,13 @@ from scipy import stats
 
 from rlihf_lib.eeg.erp import difference_wave
 from rlihf_lib.eeg.scores import reliability
-from rlihf_lib.report import figures_policy, figures_task, paper, style
-from rlihf_lib.report.evaluations import late_scores
+from rlihf_lib.report import figures_late, figures_policy, figures_task, paper, style
+from rlihf_lib.report.evaluations import phase_scores
 
 MS, UV = 1e3, 1e6  # from s and V
 SHOWN = (-0.2, 0.8)  # s around the feedback
 DIGITS = {"success": 2, "return": 0, "path_efficiency": 2, "path_deviation": 2, "collisions": 1,
-          "min_clearance": 1}  # fmt: skip
+          "completed": 2, "clearance": 1}  # fmt: skip
 
 
 def person_view(epochs: mne.BaseEpochs, channel: str) -> Figure:
@@ -105,10 +105,11 @@ def phase_view(runs: pd.DataFrame, person: str, phase: str) -> Figure:
     curves.axvspan(number * third, (number + 1) * third, color="#F0F0F0", zorder=-1)
     curves.legend(loc="best")
     means = within.groupby("group")[list(DIGITS)].mean().T
-    means.loc["min_clearance"] *= 100  # in cm
+    means.loc["clearance"] *= 100  # in cm; of cans that are placed
+    texts = {metric: means.loc[metric].map(f"{{:.{n}f}}".format) for metric, n in DIGITS.items()}
     table.axis("off")
     cells = table.table(
-        [[f"{means.loc[m, g]:.{n}f}" for g in paper.CONDITIONS] for m, n in DIGITS.items()],
+        [[texts[m][g].replace("nan", "–") for g in paper.CONDITIONS] for m in DIGITS],
         rowLabels=[figures_policy.AXIS_LABELS[metric] for metric in DIGITS],
         colLabels=[style.label(group) for group in paper.CONDITIONS],
         bbox=(0.32, 0, 0.68, 0.9), edges="horizontal",
@@ -129,7 +130,7 @@ def weight_view(env, recordings: dict, runs: pd.DataFrame, weight: float) -> Fig
         1, 2, figsize=(style.PAGE_WIDTH, 3.2), width_ratios=(1.6, 1)
     )
     figures_task.top_view(env, top)
-    late = late_scores(runs)
+    late = phase_scores(runs)
     shades = style.shades(late.loc[late["group"] == "rlihf", "w_hf"])
     shown = {
         "dense": ("dense", late["group"] == "dense"),
@@ -141,12 +142,12 @@ def weight_view(env, recordings: dict, runs: pd.DataFrame, weight: float) -> Fig
         for recording in recordings[key]:
             top.plot(*recording.hand[:, figures_task.FROM_ABOVE].T, lw=1.2, **look)
         top.plot([], [], label=words, **look)
-        scores = 100 * late[rows].set_index("subject")["min_clearance"]
+        scores = 100 * late[rows].set_index("subject")["clearance"].dropna()
         shade = look["color"]
-        clearance.plot([x] * len(scores), scores, color=shade, **figures_policy.RUNS)
-        figures_policy.mean_and_interval(scores, clearance, x + 0.15, "min_clearance", shade)
+        clearance.plot([x] * len(scores), scores, color=shade, **figures_late.RUNS)
+        figures_late.mean_and_interval(scores, clearance, x + 0.15, "clearance", shade)
     top.legend(loc="upper left", bbox_to_anchor=(0, -0.18), ncols=2)
     clearance.set_xticks((0, 1), ("RL dense", f"RLIHF, {weight:g}"))
-    clearance.set(ylabel="Minimum clearance, late (cm)", xlim=(-0.5, 1.6))
+    clearance.set(ylabel="Clearance of placed cans, late (cm)", xlim=(-0.5, 1.6))
     clearance.set_ylim(0, 1.1 * clearance.get_ylim()[1])
     return fig

@@ -203,7 +203,7 @@ def test_folds_trained_on_another_processor_are_recognised(finished, dataset, tm
 
 
 def test_the_simulated_people_are_those_that_the_shipped_decoders_know():
-    folder = Study("quick").decoder / "folds" / "s02"
+    folder = Study().decoder / "folds" / "s02"
     shipped = json.loads((folder / "fold.json").read_text())["power"]["s10"]
     epochs = loso.recorded_cohort("simulated", ["s10"])["s10"]
     epochs = SubjectEpochs.from_mne("s10", epochs)

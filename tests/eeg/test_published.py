@@ -7,7 +7,7 @@ from rlihf_lib.eeg import published
 from rlihf_lib.eeg.hri import SUBJECTS
 from rlihf_lib.study import Study
 
-STUDY = Study("quick", "simulated")
+STUDY = Study()
 
 
 @pytest.fixture

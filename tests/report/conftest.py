@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report.evaluations import add_phase, group_of
+from rlihf_lib.report.evaluations import derive, group_of
 from rlihf_lib.report.style import use_style
 from rlihf_lib.rl.feedback import person_and_control
 from rlihf_lib.rl.runs import RunConfig, SACSettings, write_run
@@ -53,7 +53,7 @@ def study(tmp_path):
                     "step": step, "rollout": rollout, "return": 10.0 * step / 1000,
                     "success": float(step > 1000 and rollout < 2 * LEVEL[config.condition]),
                     "path_efficiency": 0.5, "path_deviation": 0.25, "collisions": rollout,
-                    "min_clearance": 0.03,
+                    "min_clearance": 0.03, "completed": 0.5,
                 }
                 for step in STEPS
                 for rollout in (0, 1)
@@ -92,10 +92,11 @@ def evaluations(configs, people=PEOPLE):
                     "success": np.array([0, 0.1, 0.5, 1]) * late,
                     "path_efficiency": late, "path_deviation": 0.3 - 0.2 * late,
                     "collisions": 1 - late, "min_clearance": 0.02 + 0.01 * late,
+                    "completed": late,
                 }
             )
         )  # fmt: skip
-    return add_phase(pd.concat(frames, ignore_index=True))
+    return derive(pd.concat(frames, ignore_index=True))
 
 
 @pytest.fixture(scope="session")

@@ -8,12 +8,12 @@ import pytest
 
 from rlihf_lib.files import write_sums
 from rlihf_lib.report.evaluations import (
-    add_phase,
+    derive,
     described,
     group_of,
-    late_scores,
     load_runs,
     load_training,
+    phase_scores,
     size,
     units,
 )
@@ -22,10 +22,12 @@ from rlihf_lib.rl.feedback import person_and_control
 from rlihf_lib.rl.runs import RunConfig, SACSettings
 
 
-def test_phases_are_the_thirds_of_training():
-    steps = pd.DataFrame({"step": [0, 1, 50_000, 50_001, 100_000, 100_001, 150_000]})
-    phases = add_phase(steps)["phase"].astype(str).tolist()
+def test_phases_are_thirds_of_training_and_clearance_is_of_those_who_place_the_can():
+    rows = {"step": [0, 1, 50_000, 50_001, 100_000, 100_001, 150_000], "min_clearance": 0.03}
+    runs = derive(pd.DataFrame({**rows, "success": [0, 0, 0, 0, 1, 0, 1]}))
+    phases = runs["phase"].astype(str).tolist()
     assert phases == ["Early", "Early", "Early", "Mid", "Mid", "Late", "Late"]
+    assert runs["clearance"].notna().tolist() == [False] * 4 + [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -57,7 +59,7 @@ def test_whose_feedback_a_run_drew_on():
 
 
 def test_units_are_people_or_else_seeds(runs):
-    late = late_scores(runs)
+    late = phase_scores(runs)
     assert units(late.query("group == 'rlihf'"), "success").shape == (12, 5)
     assert units(late.query("subject == 's05'"), "success").shape == (5, 1)
     assert units(late.query("group == 'dense'"), "success").shape == (5, 1)

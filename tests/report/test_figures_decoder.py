@@ -7,7 +7,7 @@ import pytest
 from rlihf_lib.report import figures_decoder
 from rlihf_lib.study import Study
 
-STUDY = Study("quick")
+STUDY = Study()
 
 
 @pytest.fixture

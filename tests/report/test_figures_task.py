@@ -10,7 +10,7 @@ from matplotlib.path import Path
 from scipy.spatial import ConvexHull, cKDTree
 
 from rlihf_lib.report import figures_task
-from rlihf_lib.report.figures_task import OBJECT_COLOURS, paths_figure
+from rlihf_lib.report.figures_task import OBJECT_COLOURS, paths_by_weight, paths_figure
 from rlihf_lib.rl.evaluation import Recording
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.rendering import PICTURE, project
@@ -36,10 +36,26 @@ def drawing(env):
     plt.close(figure)
 
 
+def still(env, success=False):
+    """Recording of a hand that does not move."""
+    hand = np.tile(env.controller.hand, (2, 1))
+    return Recording(hand, hand, env.data.qpos[None].copy(), seed=1, success=success)
+
+
 def draw(env):
-    still = np.tile(env.controller.hand, (2, 1))
-    run = Recording(still, still, env.data.qpos[None].copy(), seed=1, success=False)
-    return paths_figure(env, {"dense": [run]}, ZONES)
+    return paths_figure(env, {"dense": [still(env)]}, ZONES)
+
+
+def test_each_weight_has_a_panel_that_counts_who_places_the_can(env):
+    recordings = {"dense": [still(env)], 0.1: [still(env, True), still(env)], 0.7: [still(env)]}
+    fig = paths_by_weight(env, recordings, tuple(ZONES))
+    titles = [ax.get_title() for ax in fig.axes]
+    words = ["RL dense: 0 of 1", "RLIHF, 0.1: 1 of 2", "RLIHF, 0.7: 0 of 1"]
+    assert titles == [f"{title} placed" for title in words]
+    assert len({ax.lines[-1].get_color() for ax in fig.axes}) == 3
+    ends = [line.get_marker() for line in fig.axes[1].lines if line.get_marker() in ("*", "x")]
+    assert ends == ["*", "x"]
+    plt.close(fig)
 
 
 def inside(kind, size, points):

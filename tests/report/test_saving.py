@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import figures_policy
+from rlihf_lib.report import figures_late
 from rlihf_lib.report.evaluations import load_runs
 from rlihf_lib.report.saving import manifest, save_figure, save_table, typeset
 
@@ -20,7 +20,7 @@ PAGE = r"""\documentclass[twocolumn]{article}\usepackage{booktabs,graphicx}\begi
 
 
 def test_saved_figures_say_what_they_were_drawn_from(study):
-    fig = figures_policy.safety_figure(load_runs(study))
+    fig = figures_late.safety_figure(load_runs(study))
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"], "hand-made")
     before = (study.figures / "safety.pdf").read_bytes()
     save_figure(fig, study, "safety", "04_metrics_tables", ["dense-seed0"], "hand-made")

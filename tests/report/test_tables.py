@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report import paper, tables
-from rlihf_lib.report.evaluations import late_scores, load_runs
+from rlihf_lib.report import paper, people, tables
+from rlihf_lib.report.evaluations import load_runs, phase_scores
 from rlihf_lib.report.saving import typeset
 from rlihf_lib.report.style import ordered
 
@@ -60,7 +60,7 @@ def test_supplementary_conditions_stand_below_a_line_without_the_papers_numbers(
 def test_rlihf_is_compared_with_baselines_over_people_and_seeds(runs):
     table = tables.comparison_table(runs).set_index(["comparison", "metric"])
     row = table.loc[("RLIHF - RL dense", "success")]
-    late = late_scores(runs).groupby("group")["success"].mean()
+    late = phase_scores(runs).groupby("group")["success"].mean()
     assert row["difference"] == pytest.approx(late["rlihf"] - late["dense"])
     assert row["n"] == "12 people x 5 seeds and 5 seeds"
     assert row["smallest_p"] == pytest.approx(2 / 6188)
@@ -82,8 +82,8 @@ def test_controls_are_compared_with_the_same_persons_runs(runs, supplement):
     others = ordered(supplement["group"])
     table = tables.comparison_table(everything, others, ("success",)).set_index("comparison")
     row = table.loc["RLIHF - RLIHF, constant p"]
-    own = late_scores(runs).query("subject == 's08'")["success"].mean()
-    control = late_scores(supplement).query("subject == 's08-mean'")["success"].mean()
+    own = phase_scores(runs).query("subject == 's08'")["success"].mean()
+    control = phase_scores(supplement).query("subject == 's08-mean'")["success"].mean()
     assert row["difference"] == pytest.approx(own - control)
     assert row["n"] == "5 seeds and 5 seeds" and row["smallest_p"] == 2 / 252
     assert table.loc["RLIHF - RLIHF, ideal p", "n"] == "12 people x 5 seeds and 5 seeds"
@@ -92,27 +92,12 @@ def test_controls_are_compared_with_the_same_persons_runs(runs, supplement):
 def test_weights_are_paired_over_people(weighed):
     table = tables.weight_comparison(weighed).set_index(["metric", "comparison"])
     row = table.loc[("success", "RLIHF 0.7 - 0.1")]
-    means = late_scores(weighed).groupby("w_hf")["success"].mean()
+    means = phase_scores(weighed).groupby("w_hf")["success"].mean()
     assert row["difference"] == pytest.approx(means[0.7] - means[0.1])
     assert row["n"] == "12 people, paired" and row["smallest_p"] == 2 / 4096
     assert row["p"] == 2 / 4096 and row["p_holm"] <= 6 * 2 / 4096
     one = tables.weight_comparison(weighed.query("subject == 's05'"))
-    assert set(one["smallest_p"]) == {2 / 252}
-
-
-def test_every_person_is_compared_with_dense_reward(runs, scores):
-    table = tables.subject_table(runs, scores)
-    assert table["subject"].tolist() == scores["subject"].tolist()
-    first = table.iloc[0]
-    late = late_scores(runs)
-    own = late.query("subject == 's02'")["success"].mean()
-    dense = late.query("group == 'dense'")["success"].mean()
-    assert first["difference"] == pytest.approx(own - dense)
-    assert first["p"] == first["smallest_p"] == 2 / 252
-    assert set(table["smallest_p_holm"]) == {12 * 2 / 252}, "cannot reach .05 after correction"
-    assert set(table["smallest_p_equivalent"]) == {1 / 252}
-    correlation = tables.correlation_table(table).set_index("metric")
-    assert correlation.loc["success", "rho"] > 0.9 and correlation.loc["success", "p"] < 0.001
+    assert set(one["smallest_p"].dropna()) == {2 / 252}
 
 
 def test_a_study_of_one_run_each_proves_nothing_and_says_so(study):
@@ -121,7 +106,7 @@ def test_a_study_of_one_run_each_proves_nothing_and_says_so(study):
     assert late["w_hf"].tolist() == [0.0, 0.0, 0.1, 0.4, 0.7]
     assert set(late["mean"]) == {30.0} and late["ci_low"].isna().all()
     main = load_runs(study)
-    by_subject = tables.subject_table(main, study.scores())
+    by_subject = people.subject_table(main, study.scores())
     assert by_subject["subject"].tolist() == ["s04"]
     assert by_subject["difference"].tolist() == [-0.5]
     comparison = tables.comparison_table(main).set_index(["comparison", "metric"])

@@ -10,7 +10,7 @@ from rlihf_lib.rl.evaluation import EVALUATION_SEEDS, load_policy, record
 from rlihf_lib.study import Study
 from rlihf_lib.task.gym_env import PickPlaceEnv
 
-STUDY = Study("quick")
+STUDY = Study()
 
 
 @pytest.fixture(scope="module")

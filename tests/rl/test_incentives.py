@@ -74,7 +74,7 @@ def played():
 @pytest.mark.parametrize("rank", ["weakest", "median"])
 @pytest.mark.parametrize("observer", OBSERVERS.values())
 def test_expert_is_expected_to_earn_more_with_the_shipped_decoders(rank, observer, played):
-    study = Study("quick")
+    study = Study()
     table = study.p_error()
     subject = study.ranked_subjects()[0] if rank == "weakest" else study.median_subject()
     rows = table[table["subject"] == subject]

@@ -1,0 +1,33 @@
+"""Decoder and policy of each person side by side."""
+
+import pytest
+
+from rlihf_lib.report import people
+from rlihf_lib.report.evaluations import phase_scores
+
+
+def test_every_person_is_compared_with_dense_reward(runs, scores):
+    table = people.subject_table(runs, scores)
+    assert table["subject"].tolist() == scores["subject"].tolist()
+    first = table.iloc[0]
+    late = phase_scores(runs)
+    own = late.query("subject == 's02'")["success"].mean()
+    dense = late.query("group == 'dense'")["success"].mean()
+    assert first["difference"] == pytest.approx(own - dense)
+    assert first["p"] == first["smallest_p"] == 2 / 252
+    assert set(table["smallest_p_holm"]) == {12 * 2 / 252}, "cannot reach .05 after correction"
+    assert set(table["smallest_p_equivalent"]) == {1 / 252}
+    correlation = people.correlation_table(table).set_index("metric")
+    assert correlation.loc["success", "rho"] > 0.9 and correlation.loc["success", "p"] < 0.001
+    early = phase_scores(runs, "Early").query("subject == 's02'")["success"].mean()
+    assert table["success_early"][0] == pytest.approx(early)
+    assert len(correlation) == 4 and (correlation["p_holm"] >= correlation["p"]).all()
+
+
+def test_measures_that_do_not_part_people_say_so(runs, scores):
+    without = runs.assign(success=runs["success"].where(~runs["subject"].isin(["s02", "s03"]), 0))
+    mixed = scores.assign(accuracy_online=scores["accuracy_online"].to_numpy()[::-1])
+    table = people.threshold_table(people.subject_table(without, mixed)).set_index("measure")
+    assert table.loc["auroc", ["fails_up_to", "places_from"]].tolist() == list(scores["auroc"][1:3])
+    assert table.loc["auroc", "parts_people"] and not table.loc["accuracy_online", "parts_people"]
+    assert set(table["n_places"]) == {10} and set(table["n"]) == {12}
