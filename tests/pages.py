@@ -27,6 +27,8 @@ CAPTIONS = {
     "fig1_time_clearance": "Time and clearance of late successes, by weight: what feedback buys "
     "(Fig. 1, as data)",
     "fig1_paths": "Paths round the obstacles, of dense reward and of each weight (Fig. 1, as data)",
+    "whf_inside": "What critics learn beside feedback: entropy coefficient and errors, in units of "
+    "its weight",
     "eeg_trial_counts": "Correct and error epochs of each person",
     "eeg_waves": "Correct and error waves at Fz, Cz and Pz, and their difference, paired by person",
     "eeg_topographies": "Where on the head the difference shows, and when",

@@ -33,7 +33,7 @@ BEHIND: dict[str, Any] = {"color": "#BBBBBB", "lw": 0.7}
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches of a two-column conference page (ieeeconf, letter)
 SMALL, WIDEST = 7, 18  # pt of the smallest text that journals print; cm of two columns
 RC = {  # on top of seaborn's "paper"
-    "figure.dpi": 120,
+    "figure.dpi": 100,
     "savefig.dpi": 300,
     "figure.constrained_layout.use": True,
     "legend.frameon": False,

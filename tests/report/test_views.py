@@ -71,5 +71,5 @@ def test_a_weights_paths_and_clearance_are_drawn_beside_those_of_dense_reward():
     drawn = [line.get_xydata().shape for line in top.lines]
     assert (len(paths[0.4][0].hand), 2) in drawn
     late = runs[(runs["phase"] == "Late") & (runs["w_hf"] == 0.4) & (runs["group"] == "rlihf")]
-    mean = 100 * late.groupby("run")["min_clearance"].mean().mean()
+    mean = 100 * late.groupby("run")["clearance"].mean().mean()
     assert clearance.lines[-1].get_ydata()[0] == pytest.approx(mean)
