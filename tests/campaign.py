@@ -222,7 +222,7 @@ def main() -> None:
     command.add_argument("--work", type=Path, help=argparse.SUPPRESS)
     options = command.parse_args()
     if options.work is None:
-        print(campaign(options.minutes, seed=options.seed).to_markdown())
+        print(campaign(options.minutes, seed=options.seed).to_string())
         return
     try:
         work(options.work)
