@@ -12,9 +12,9 @@ import pandas as pd
 from scipy.special import expit, logit
 
 from rlihf_lib.profiles import Profile
-from rlihf_lib.report.evaluations import load_runs
+from rlihf_lib.report.evaluations import load_runs, phase_scores
 from rlihf_lib.rl.feedback import IDEAL, controls_of, p_error_sha256, synthetic_table
-from rlihf_lib.rl.observer import comfort
+from rlihf_lib.rl.observer import SURE_PROGRESS, comfort, progress
 from rlihf_lib.rl.runs import RunConfig
 from rlihf_lib.rl.timing import Timing
 from rlihf_lib.task.moment import Moment
@@ -27,7 +27,6 @@ BIASED = 1.5  # d' of the decoders whose calibration is spoilt
 BIASES = {"blaming": (1, 2), "praising": (1, -2), "timid": (0.3, 0), "bold": (3, 0)}
 INTERVALS, DELAYS = (1, 3, 10), (0, 3, 8)  # steps of 0.1 s
 SLOWEST = {"interval": 10, "delay": 8}  # an answer a second, 0.8 s late
-WEIGHTS = (0.1, 0.4, 0.7)
 
 
 def half(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
@@ -64,24 +63,22 @@ def planner(moment: Moment) -> float:
     """P(wrong) of somebody who wants progress and minds no obstacle but a collision."""
     if moment.success:
         return 0.0
-    gained = 0.0 if moment.collided or moment.lost else moment.best - moment.remaining
-    return 1.0 - min(max(gained / 0.015, 0.0), 1.0)
+    return 1.0 - progress(moment)
 
 
 def wary(moment: Moment) -> float:
     """P(wrong) of somebody at ease only from 8 cm on, who is content with half the progress."""
     if moment.success:
         return 0.0
-    gained = 0.0 if moment.collided or moment.lost else moment.best - moment.remaining
-    return 1.0 - min(max(gained / 0.0075, 0.0), 1.0) * comfort(moment.clearance - 0.03)
+    return 1.0 - progress(moment, SURE_PROGRESS / 2) * comfort(moment.clearance - 0.03)
 
 
 def hates_speed(moment: Moment) -> float:
     """P(wrong) of somebody whom more than 1 cm a step frightens."""
     if moment.success:
         return 0.0
-    gained = 0.0 if moment.collided or moment.lost else moment.best - moment.remaining
-    return 1.0 - min(max(gained / 0.0075, 0.0), 1.0) * comfort(moment.clearance) * (gained < 0.01)
+    slow = moment.best - moment.remaining < 0.01
+    return 1.0 - progress(moment, SURE_PROGRESS / 2) * comfort(moment.clearance) * slow
 
 
 class Beyond:
@@ -116,8 +113,7 @@ class Beyond:
     def late(self, experiment: str) -> pd.DataFrame:
         """Average each finished run over the last third of its training, with its case."""
         named = {c.run_id: case for case, runs in self.cases(experiment).items() for c in runs}
-        runs = load_runs(self, [experiment]).query("phase == 'Late'")
-        means = runs.groupby(["run", "subject", "seed"]).mean(numeric_only=True).reset_index()
+        means = phase_scores(load_runs(self, [experiment]))
         case = pd.Categorical(means["run"].map(named), list(dict.fromkeys(named.values())))
         return means.assign(case=case).sort_values(["case", "seed"], ignore_index=True)
 
@@ -190,7 +186,7 @@ def _forms(beyond):
 
 
 def _weights(beyond):
-    fixed = {f"always {w:g}": {"w_hf": w} for w in sorted(WEIGHTS, reverse=True)}
+    fixed = {f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)}
     return fixed | {f.__name__: {"feedback": f} for f in (fading, growing, doubting)}
 
 
@@ -202,7 +198,7 @@ def _observers(beyond):
     return {name: {"subject": IDEAL, "observer": watcher} for name, watcher in watchers.items()}
 
 
-#: By name, what the cases of each vary; see notebook 06.
+#: By name, what the cases of each vary.
 EXPERIMENTS: dict[str, Callable[[Beyond], dict[str, dict]]] = {
     "ladder": _ladder, "bias": _bias, "lateness": _lateness, "remedies": _remedies,
     "forms": _forms, "weights": _weights, "observers": _observers,

@@ -55,7 +55,7 @@ CAPTIONS = {
     "supplementary": "The same for tuned sparse reward and for the three controls of feedback",
     "safety": "Collisions and clearance during training",
     "paths": "Paths of trained policies round the obstacles, from above",
-    "decoder_vs_policy": "What decides: late success and return against the AUROC of the decoder",
+    "decoder_vs_policy": "What decides: late and early success against the AUROC of the decoder",
 }
 
 

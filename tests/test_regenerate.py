@@ -50,6 +50,13 @@ def test_help_is_short_and_starts_without_heavy_imports():
         assert option in result.stdout
 
 
+def test_an_output_folder_that_cannot_be_written_is_an_error_before_any_work(capsys, monkeypatch):
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+    assert main(["--profile", "smoke", "--out", "/proc/rlihf"]) == 1  # nor can root write there
+    message = capsys.readouterr().err
+    assert "cannot write to /proc/rlihf" in message and "--out" in message
+
+
 def test_feedback_that_is_missing_is_said_before_anything_is_trained(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
     assert main(["--profile", "smoke", "--out", str(tmp_path), "--only", "03"]) == 1

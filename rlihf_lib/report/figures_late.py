@@ -16,6 +16,7 @@ from rlihf_lib.report import paper, style
 from rlihf_lib.report import statistics as st
 from rlihf_lib.report.evaluations import RANGES, phase_scores, size, unit_means
 from rlihf_lib.report.figures_policy import AXIS_LABELS, SHARE, by_weight
+from rlihf_lib.report.people import threshold_table
 
 CONTROL_STEP = 0.1  # s
 RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
@@ -120,14 +121,19 @@ def decoder_policy_figure(
     fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.7), sharey=True)
     shade, found = style.color("rlihf"), correlations.set_index("metric")
     aurocs = people.set_index("subject")["auroc"]
-    places = people.set_index("subject")["success"] >= st.EQUIVALENCE_MARGIN
-    below, above = aurocs[~places].max(), aurocs[places].min()
+    border = threshold_table(people).set_index("measure").loc["auroc"]
     named = people.loc[people["success"] < people["dense"] / 2, "subject"]
     for ax, (phase, tested) in zip(axes, PHASES.items(), strict=True):
         scores = phase_scores(runs, phase)
         own = scores[(scores["group"] == "rlihf") & scores["subject"].isin(aurocs.index)]
-        if below < above:  # so not where one of them has nobody
-            ax.axvspan(below, above, color="#EEEEEE", lw=0, label="nobody is decoded so well")
+        if border["parts_people"]:
+            ax.axvspan(
+                border["fails_up_to"],
+                border["places_from"],
+                color="#EEEEEE",
+                lw=0,
+                label="nobody is decoded so well",
+            )
         dense = scores.loc[scores["group"] == "dense", "success"].mean()
         ax.axhline(dense, **style.line_style("dense"), label=style.label("dense"))
         for group, at in CONTROLS.items():

@@ -8,7 +8,7 @@ from rlihf_lib.report.evaluations import phase_scores
 from rlihf_lib.report.style import label
 from rlihf_lib.report.tables import compare, family
 
-MEASURES = ("auroc", "balanced_accuracy", "accuracy_online")  # of decoders
+MEASURES = ["auroc", "balanced_accuracy", "accuracy_online"]  # of decoders
 REACHED = ("success", "return", "success_early", "success_mid")
 
 
@@ -58,12 +58,7 @@ def threshold_table(people: pd.DataFrame) -> pd.DataFrame:
     did; n_places, n. Where the first is larger, the measure does not part people.
     """
     places = people["success"] >= st.EQUIVALENCE_MARGIN
-    return pd.DataFrame(
-        {
-            "measure": measure, "fails_up_to": people.loc[~places, measure].max(),
-            "places_from": people.loc[places, measure].min(),
-            "parts_people": people.loc[~places, measure].max() < people.loc[places, measure].min(),
-            "n_places": int(places.sum()), "n": len(people),
-        }
-        for measure in MEASURES
-    )  # fmt: skip
+    best, weakest = people.loc[~places, MEASURES].max(), people.loc[places, MEASURES].min()
+    borders = {"fails_up_to": best, "places_from": weakest, "parts_people": best < weakest}
+    table = pd.DataFrame(borders).rename_axis("measure").reset_index()
+    return table.assign(n_places=int(places.sum()), n=len(people))

@@ -36,14 +36,21 @@ def comfort(clearance: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
+def progress(moment: Moment, sure: float = SURE_PROGRESS) -> float:
+    """How much a moment gains on the best so far: 0 to 1, which it is from `sure` metres on.
+
+    Nothing where something is hit or the can is lost.
+    """
+    if moment.lost or moment.collided:
+        return 0.0
+    return min(max((moment.best - moment.remaining) / sure, 0.0), 1.0)
+
+
 def path_observer(moment: Moment) -> float:
     """Probability that somebody who knows the ideal path perceives an error in a control step."""
     if moment.success:
         return 0.0
-    if moment.lost or moment.collided:
-        return 1.0
-    progress = min(max((moment.best - moment.remaining) / SURE_PROGRESS, 0.0), 1.0)
-    return 1.0 - progress * comfort(moment.clearance)
+    return 1.0 - progress(moment) * comfort(moment.clearance)
 
 
 def lay_observer(moment: Moment) -> float:
