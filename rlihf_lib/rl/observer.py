@@ -72,26 +72,48 @@ class Observer:
     `p_error` are rows of one subject (`rlihf_lib.rl.feedback`), of both classes, else a ValueError.
     `rng` draws what is perceived, by P(wrong) = `looks_wrong(moment)`, and the epochs. p(error) is
     looked up, or decoded anew, as in `rlihf_lib.live`, by `decode`, from the number of an epoch.
+    The rows are drawn from at all times alike, or, in as many `parts` of training, from as many
+    parts of the rows in their order; again and again, or each `once`.
+
+    Attributes
+    ----------
+    share : float
+        How much of training is over.
+    n_epochs, errors_seen : int
+        Rows there are; moments that looked wrong so far.
     """
 
-    def __init__(self, p_error: pd.DataFrame, rng, looks_wrong=path_observer, decode=None):
+    def __init__(
+        self, p_error: pd.DataFrame, rng, looks_wrong=path_observer, decode=None, parts=1,
+        once=False,
+    ):  # fmt: skip
         self._p, self._epochs = p_error["p_error"].to_numpy(), p_error["epoch"].to_numpy()
-        self._rows = [np.flatnonzero(p_error["label"] == label) for label in (0, 1)]
-        for name, rows in zip(("correct", "error"), self._rows, strict=True):
-            if len(rows) == 0:
+        labels, self.n_epochs = p_error["label"].to_numpy(), len(p_error)
+        pieces = np.array_split(np.arange(self.n_epochs), parts)
+        self._rows = [[rows[labels[rows] == label] for label in (0, 1)] for rows in pieces]
+        for label, name in enumerate(("correct", "error")):
+            if not all(len(by_class[label]) for by_class in self._rows):
                 raise ValueError(
                     f"the p(error) table has no epoch of class {name!r}; the observer needs both"
                 )
-        self._rng, self.looks_wrong, self._decode = rng, looks_wrong, decode
-        self.errors_seen = 0  # moments that looked wrong so far
+        if once:
+            self._rows = [[rng.permutation(rows) for rows in by_class] for by_class in self._rows]
+        self._rng, self.looks_wrong, self._decode, self._once = rng, looks_wrong, decode, once
+        self.share, self.errors_seen = 0.0, 0
 
     def watch(self, moment: Moment, n: int = 1) -> np.ndarray:
-        """Answer a moment of `n` control steps by p(error), (n,), of epochs it evokes, Eq. (3)."""
+        """Answer a moment of `n` control steps by p(error), (n,), of epochs it evokes, Eq. (3).
+
+        By fewer where epochs answer once and are used up.
+        """
         wrong = int(self._rng.random() < self.looks_wrong(moment))
         self.errors_seen += wrong
-        rows = self._rows[wrong]
-        # One at a time: nearly always n is 1, and an array costs thrice as much.
-        rows = rows[[self._rng.integers(len(rows)) for _ in range(n)]]
+        now = self._rows[min(int(self.share * len(self._rows)), len(self._rows) - 1)]
+        if self._once:
+            rows, now[wrong] = now[wrong][:n], now[wrong][n:]
+        else:
+            # One at a time: nearly always n is 1, and an array costs thrice as much.
+            rows = now[wrong][[self._rng.integers(len(now[wrong])) for _ in range(n)]]
         if self._decode is None:
             return self._p[rows]
         return np.array([self._decode(epoch) for epoch in self._epochs[rows]])

@@ -130,6 +130,8 @@ class TrainingReward(gym.Wrapper):
         task: Any = self.unwrapped
         self._seen = task.observation, action
         self._steps += 1
+        if self.observer:
+            self.observer.share = self._steps / self._total_steps
         return self.env.step(action)
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from rlihf_lib.files import SUMS, canonical_json, check_sums, sha256, sums
+from rlihf_lib.rl.asking import Asking
 from rlihf_lib.rl.given import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import FEEDBACK, REWARDS
@@ -19,6 +20,7 @@ from rlihf_lib.rl.timing import Timing
 
 CONDITIONS = ("sparse", "dense", "rlihf")
 FUNCTIONS = ("observer", "reward", "feedback")  # that a run may be given
+PARTS = ("sac", "timing", "asking")  # fields that have fields of their own
 # Raised by whoever changes task, observer, rewards or learner, or a default below, so that results
 # change: runs of an earlier protocol then count as missing.
 PROTOCOL = 6
@@ -93,6 +95,10 @@ class RunConfig:
     """Hyper-parameters of the learner."""
     timing: Timing = field(default_factory=Timing)
     """When people answer: every step and at once, unless said otherwise."""
+    asking: Asking = field(default_factory=Asking)
+    """Which steps they are asked about: every one, unless said otherwise."""
+    session: int = 1
+    """Parts of the rows of p(error), in their order, that as many parts of training draw from."""
     protocol: int = PROTOCOL
     """Version of task, observers, rewards and learner."""
 
@@ -112,6 +118,8 @@ class RunConfig:
                 f"condition {self.condition!r} with subject {self.subject!r}: "
                 "rlihf needs a subject, the other conditions take none"
             )
+        if self.timing != Timing() and self.asking != Asking():
+            raise ValueError("people answer late (timing), or few steps (asking), not both at once")
 
     @property
     def run_id(self) -> str:
@@ -129,8 +137,10 @@ class RunConfig:
         changed, words = _changed(self), []
         for word in (changed[name] for name in FUNCTIONS if name in changed):
             words.append(word if isinstance(word, str) else f"{word['name']}.{word['sha256'][:6]}")
-        settings = {"patience": self.patience} if "patience" in changed else {}
-        for name, value in (settings | changed.get("sac", {}) | changed.get("timing", {})).items():
+        settings = {name: changed[name] for name in ("patience", "session") if name in changed}
+        for part in PARTS:
+            settings |= changed.get(part, {})
+        for name, value in settings.items():
             values = value if isinstance(value, tuple) else (value,)
             words.append(name + "x".join(v if isinstance(v, str) else f"{v:g}" for v in values))
         return words
@@ -139,7 +149,7 @@ class RunConfig:
         """Return the fields as plain JSON values; functions as their name and hash."""
         names = [entry.name for entry in dataclasses.fields(self)]
         fields = {name: _plain(getattr(self, name)) for name in names}
-        parts = {name: dataclasses.asdict(getattr(self, name)) for name in ("sac", "timing")}
+        parts = {name: dataclasses.asdict(getattr(self, name)) for name in PARTS}
         return {**fields, **parts}
 
     @property
@@ -157,7 +167,7 @@ def _changed(settings):
     changed = {}
     for entry in dataclasses.fields(settings):
         value, default = getattr(settings, entry.name), entry.default
-        if isinstance(value, SACSettings | Timing):
+        if entry.name in PARTS:
             value, default = _changed(value), {}
         if value != default:
             changed[entry.name] = _plain(value)

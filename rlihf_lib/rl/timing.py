@@ -55,8 +55,8 @@ class Timing:
 class LateReward(TrainingReward):
     """`TrainingReward` of condition "rlihf" whose answers come by a `Timing`.
 
-    `info["late"]` of a step holds what has come to be known of earlier ones: pairs of how many
-    steps ago, counted over episodes, and what their reward is changed by. `rng` draws the jitter.
+    `info["late"]` of a step holds what has come to be known of earlier ones: how many steps ago
+    they were, counted over episodes, and what their rewards are changed by. `rng` draws the jitter.
     The end of an episode is answered at once, for the robot is at rest.
     """
 
@@ -99,7 +99,8 @@ class LateReward(TrainingReward):
         else:
             reward = task_reward(moment, self.discount) + self.w_hf * self._paid[-1]
         reward += late.pop(self._now, 0.0)
-        info["late"] = [(self._now - step, amount) for step, amount in late.items()]
+        if late:
+            info["late"] = self._now - np.array(list(late)), np.array(list(late.values()))
         return observation, reward, terminated, truncated, info
 
     def _credited(self, event, first):

@@ -17,6 +17,7 @@ from safetensors.torch import save
 from stable_baselines3.common.callbacks import BaseCallback
 
 from rlihf_lib.files import canonical_json
+from rlihf_lib.rl.asking import Asking, AskingReward
 from rlihf_lib.rl.evaluation import EVALUATION_SEEDS, evaluate, policy_of
 from rlihf_lib.rl.feedback import check_feedback, rows_of
 from rlihf_lib.rl.observer import OBSERVERS, Observer
@@ -49,7 +50,8 @@ class _Record(BaseCallback):
         (reward,), (info,) = self.locals["rewards"], self.locals["infos"]
         self.episode_return += float(reward)
         memory: Any = self.model.replay_buffer  # which this step enters afterwards
-        for steps_ago, change in info.get("late", ()):
+        if "late" in info:
+            steps_ago, change = info["late"]
             memory.rewards[(memory.pos - steps_ago) % memory.buffer_size, 0] += change
         if "metrics" in info:
             self.episodes.append({"return": self.episode_return, **info["metrics"]})
@@ -112,14 +114,17 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
 
     Nobody watches if `rows` is None; `rng` and `decode` are the `Observer`'s.
     """
-    named = (config.observer, OBSERVERS), (config.reward, REWARDS), (config.feedback, FEEDBACK)
-    looks_wrong, *functions = (value if callable(value) else known[value] for value, known in named)
-    observer = None if rows is None else Observer(rows, rng, looks_wrong, decode)
+    choices = (config.observer, OBSERVERS), (config.reward, REWARDS), (config.feedback, FEEDBACK)
+    looks_wrong, *functions = (told if callable(told) else known[told] for told, known in choices)
+    told = rows, rng, looks_wrong, decode, config.session, config.asking.once
+    observer = None if rows is None else Observer(*told)
     weights = config.sac.discount, config.w_hf
-    told = config.condition, *weights, observer, *functions, config.total_steps
+    named = config.condition, *weights, observer, *functions, config.total_steps
     if observer and config.timing != Timing():
-        return LateReward(env, *told, timing=config.timing, rng=rng)
-    return TrainingReward(env, *told)
+        return LateReward(env, *named, timing=config.timing, rng=rng)
+    if observer and config.asking != Asking():
+        return AskingReward(env, *named, asking=config.asking, rng=rng)
+    return TrainingReward(env, *named)
 
 
 def _doubt(model, observation, action):

@@ -68,6 +68,21 @@ def test_observer_answers_with_epochs_of_the_class_it_saw():
     assert observer.errors_seen == 1
 
 
+def test_observer_draws_from_the_part_of_the_session_that_is_on():
+    table = pd.DataFrame({"epoch": range(8), "label": [0, 1] * 4, "p_error": np.arange(8) / 10})
+    observer = Observer(table, np.random.default_rng(0), lambda moment: 1.0, parts=2)
+    for share, expected in (
+        (0.01, {0.1, 0.3}),
+        (0.49, {0.1, 0.3}),
+        (0.5, {0.5, 0.7}),
+        (1.0, {0.5, 0.7}),
+    ):
+        observer.share = share
+        assert set(observer.watch(moment(), 50)) == expected
+    with pytest.raises(ValueError, match="no epoch of class 'correct'"):
+        Observer(table, np.random.default_rng(0), parts=8)
+
+
 def test_observer_notices_slow_progress_as_often_as_the_rule_says():
     observer = Observer(perfect_table(), np.random.default_rng(0))
     seen = [observer.watch(moment(remaining=0.52 - 0.006))[0] for _ in range(2000)]

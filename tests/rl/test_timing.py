@@ -34,7 +34,7 @@ def rewards(timing=None, steps=STEPS, resets=()):
             env.reset(seed=0)
         _, reward, *_, info = env.step(expert_action(env.unwrapped))
         paid[step] = reward
-        for ago, change in info.get("late", ()):
+        for ago, change in zip(*info.get("late", ((), ())), strict=True):
             paid[step - ago] += change
     return paid
 

@@ -1,0 +1,108 @@
+"""Feedback when answers are few: which steps are asked about, and a model that fills in the rest.
+
+People tire, and an epoch that has answered once says nothing new the second time. So only some
+steps are asked about, at random or where a model of the feedback is unsure. That model is an
+ensemble of networks of observation and action, fitted to the answers so far: as the observer judges
+what a step gains, not how far the robot has come, it predicts advantages, not levels. Its word is
+every step's feedback, and when it is fitted anew, that of the steps in memory is written anew, too.
+
+From the field: ErrPs that train a model of the reward, Akinola et al. 2020 (arXiv 1910.13580);
+asking where an ensemble disagrees, Christiano et al. 2017 (arXiv 1706.03741); rewriting the replay
+buffer, Lee, Smith & Abbeel 2021 (PEBBLE, arXiv 2106.05091).
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from rlihf_lib.rl.rewards import TrainingReward, task_reward
+
+WHEN = ("spread", "unsure")
+REFIT = 1_000  # steps between fits of the model
+COMPARED = 200  # last steps among which a step is unsure, or not
+
+
+@dataclass(frozen=True)
+class Asking:
+    """How many steps are asked about, and which; see the module."""
+
+    budget: int = 0
+    """Answers in all; 0 = every step's."""
+    once: bool = False
+    """Whether an epoch answers once and then never again, so that no more than the person's epochs
+    are in the budget."""
+    when: str = "spread"
+    """One of `WHEN`: at random over all of training, or where the model is unsure."""
+    model: bool = False
+    """Whether the model answers; else steps without an answer get what answers were on average."""
+
+    def __post_init__(self):
+        if self.when not in WHEN or (self.when == "unsure" and not self.model):
+            raise ValueError(f"{self}: when is one of {', '.join(WHEN)}, unsure with a model only")
+        if self.budget < 0:
+            raise ValueError(f"{self}: budget is 0, for every step, or more")
+
+
+class AskingReward(TrainingReward):
+    """`TrainingReward` of condition "rlihf" that asks about some steps only, by an `Asking`.
+
+    `info["late"]` holds what feedback of earlier steps is changed by when the model is fitted: how
+    many steps ago they were, and by how much. `rng` decides which steps are asked about. The end of
+    an episode is a step like others, but what it is worth lasts (`rewards`).
+    """
+
+    def __init__(self, env, *arguments, asking: Asking, rng):
+        from rlihf_lib.rl.reward_model import RewardModel  # only runs need PyTorch
+
+        super().__init__(env, *arguments)
+        self.asking, self._rng = asking, rng
+        n_observations, n_actions = env.observation_space.shape[0], env.action_space.shape[0]
+        self._model = RewardModel(n_observations, n_actions, int(rng.integers(2**31)))
+        n = self._total_steps
+        self._inputs = np.zeros((n, n_observations + n_actions), np.float32)
+        self._paid, self._scales = np.zeros((2, n))
+        self._asked: list[int] = []  # steps with an answer
+        self._answers: list[float] = []
+        self._scores: deque[float] = deque(maxlen=COMPARED)
+        most = min(asking.budget or n, n)
+        self.budget = min(most, self.observer.n_epochs) if asking.once else most
+
+    def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
+        """Advance one step; its reward is what is known of it now."""
+        observation, _, terminated, truncated, info = self.advance(action)
+        moment, now = info["moment"], self._steps - 1
+        if self.asking.model and self._answers and now % REFIT == 0:
+            info["late"] = self._rewrite(now)
+        self._inputs[now] = np.concatenate(self._seen)
+        lasts = self._discounts.sum() if moment.success or moment.lost else 1.0
+        self._scales[now] = self.w_hf * lasts
+        self._paid[now] = np.mean(self._answers) if self._answers else 0.5
+        unsure = self._rng.random()
+        if self.asking.model and now >= REFIT:
+            (self._paid[now],), (doubt,) = self._model.predict(self._inputs[now : now + 1])
+            unsure = doubt if self.asking.when == "unsure" else unsure
+        if self._is_asked(now, unsure):
+            for p_error in self.observer.watch(moment):  # none where its epochs are used up
+                answer = float(self.feedback(np.array([p_error]))[0])
+                self._asked.append(now)
+                self._answers.append(answer)
+                if not self.asking.model:
+                    self._paid[now] = answer
+        reward = task_reward(moment, self.discount) + self._scales[now] * self._paid[now]
+        return observation, reward, terminated, truncated, info
+
+    def _is_asked(self, now, score):
+        """Spend what is left of the budget evenly, on the steps of the highest scores."""
+        self._scores.append(score)
+        left = self.budget - len(self._asked)
+        rate = min(1.0, left / (len(self._paid) - now))
+        return left > 0 and score >= np.quantile(self._scores, 1 - rate)
+
+    def _rewrite(self, now):
+        """Fit the model; return what the feedback of the `now` steps so far changes by."""
+        self._model.fit(self._inputs[self._asked], np.array(self._answers))
+        known, _ = self._model.predict(self._inputs[:now])
+        change = self._scales[:now] * (known - self._paid[:now])
+        self._paid[:now] = known
+        return now - np.arange(now), change
