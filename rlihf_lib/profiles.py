@@ -112,7 +112,7 @@ PROFILES = {
         Profile(
             name="quick",
             n_subjects=12,
-            n_policy_subjects=3,
+            n_policy_subjects=8,
             n_ablation_subjects=1,
             seeds=(0, 1),
             ablation_seeds=(0, 1),
