@@ -7,17 +7,26 @@ something else is varied. They lie in the folder `beyond` of the study.
 
 from collections.abc import Callable
 
-import numpy as np
 import pandas as pd
 from scipy.special import expit, logit
 
+from rlihf_lib.eeg.loso import load_decoder
+from rlihf_lib.eeg.tiring import PARTS, session_table
+from rlihf_lib.files import write_csv
 from rlihf_lib.profiles import Profile
 from rlihf_lib.report.evaluations import load_runs, phase_scores
-from rlihf_lib.rl.feedback import IDEAL, controls_of, p_error_sha256, synthetic_table
-from rlihf_lib.rl.observer import SURE_PROGRESS, comfort, progress
+from rlihf_lib.rl import forms
+from rlihf_lib.rl.asking import Asking
+from rlihf_lib.rl.feedback import (
+    IDEAL,
+    controls_of,
+    p_error_sha256,
+    read_table,
+    rows_of,
+    synthetic_table,
+)
 from rlihf_lib.rl.runs import RunConfig
 from rlihf_lib.rl.timing import Timing
-from rlihf_lib.task.moment import Moment
 
 STEPS, EVERY, SEEDS = 60_000, 5_000, (0, 1, 2)  # of studies at least as long
 D_PRIMES = (0.5, 1.0, 1.5, 2.0, 3.0)  # distances of the classes, in standard deviations
@@ -27,58 +36,7 @@ BIASED = 1.5  # d' of the decoders whose calibration is spoilt
 BIASES = {"blaming": (1, 2), "praising": (1, -2), "timid": (0.3, 0), "bold": (3, 0)}
 INTERVALS, DELAYS = (1, 3, 10), (0, 3, 8)  # steps of 0.1 s
 SLOWEST = {"interval": 10, "delay": 8}  # an answer a second, 0.8 s late
-
-
-def half(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
-    """Feedback about zero: 0.5 - p."""
-    return 0.5 - p_error
-
-
-def log_odds(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
-    """Feedback by the evidence: log-odds of being right, at most 3 either way."""
-    return np.clip(-logit(np.clip(p_error, 1e-3, 1 - 1e-3)), -3, 3)
-
-
-def yes_or_no(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
-    """Feedback by the decision alone: 1 if p is below one half, else 0."""
-    return (p_error < 0.5) * 1.0
-
-
-def fading(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
-    """Feedback that falls to nothing in the course of training."""
-    return (1 - share) * (1 - p_error)
-
-
-def growing(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
-    """Feedback that counts ever more."""
-    return share * (1 - p_error)
-
-
-def doubting(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
-    """Feedback that counts as far as the critics disagree, fully from a tenth of the values on."""
-    return min(10 * doubt, 1.0) * (1 - p_error)
-
-
-def planner(moment: Moment) -> float:
-    """P(wrong) of somebody who wants progress and minds no obstacle but a collision."""
-    if moment.success:
-        return 0.0
-    return 1.0 - progress(moment)
-
-
-def wary(moment: Moment) -> float:
-    """P(wrong) of somebody at ease only from 8 cm on, who is content with half the progress."""
-    if moment.success:
-        return 0.0
-    return 1.0 - progress(moment, SURE_PROGRESS / 2) * comfort(moment.clearance - 0.03)
-
-
-def hates_speed(moment: Moment) -> float:
-    """P(wrong) of somebody whom more than 1 cm a step frightens."""
-    if moment.success:
-        return 0.0
-    slow = moment.best - moment.remaining < 0.01
-    return 1.0 - progress(moment, SURE_PROGRESS / 2) * comfort(moment.clearance) * slow
+BUDGETS = (2_000, 10_000)  # answers in a run, of 60,000 steps
 
 
 class Beyond:
@@ -98,7 +56,17 @@ class Beyond:
             "eval_every": EVERY if is_long else profile.eval_every,
             "horizon": profile.horizon, "eval_rollouts": profile.eval_rollouts,
         }  # fmt: skip
-        self.p_error = pd.concat([study.feedback(), *_synthetic()], ignore_index=True)
+        self.p_error = pd.concat([study.feedback(), *_synthetic(), self._session()])
+
+    def _session(self):
+        """p(error) over a session in which the person tires; only simulated people can."""
+        if self.study.eeg != "simulated":
+            return None
+        path = self.runs.parent / "session.csv"
+        if not path.is_file():
+            decoder = load_decoder(self.study.decoder, self.person)
+            write_csv(path, session_table(self.person, decoder))
+        return read_table(path)
 
     def cases(self, experiment: str) -> dict[str, list[RunConfig]]:
         """Runs of one of `EXPERIMENTS` by case, the case that others are compared with first."""
@@ -173,33 +141,77 @@ def _remedies(beyond):
     return at_once | late | {"kernel, jitter": {"subject": IDEAL, "timing": jitter}} | own
 
 
+def _labels(beyond):
+    """How many answers it takes, and what a model of them adds."""
+    once = {"once": True}
+    cases = {
+        "every step": Asking(), "every step, model": Asking(model=True),
+        "each epoch once": Asking(**once), "each epoch once, model": Asking(**once, model=True),
+        "each epoch once, unsure": Asking(**once, model=True, when="unsure"),
+    }  # fmt: skip
+    for budget in BUDGETS:
+        cases[f"{budget:,}, model"] = Asking(budget, model=True)
+        cases[f"{budget:,}, unsure"] = Asking(budget, model=True, when="unsure")
+    cases[f"{BUDGETS[-1]:,}"] = Asking(BUDGETS[-1])
+    return {name: {"asking": asking} for name, asking in cases.items()}
+
+
 def _forms(beyond):
-    """Forms of the same answers, scaled so that right and wrong steps differ alike on average."""
-    rows = beyond.p_error[beyond.p_error["subject"] == beyond.person]
-    right, wrong = (rows.loc[rows["label"] == label, "p_error"] for label in (0, 1))
-    cases: dict[str, dict] = {"1 - p": {}}
-    for name, form in (("0.5 - p", half), ("log-odds", log_odds), ("yes or no", yes_or_no)):
-        contrast = form(right, 0.0, 0.0).mean() - form(wrong, 0.0, 0.0).mean()
+    """Forms of the same answers, scaled so that right and wrong steps differ alike on average.
+
+    And each at half and at twice this scale.
+    """
+    rows = rows_of(beyond.p_error, beyond.person)
+    right, wrong = (rows.loc[rows["label"] == label, "p_error"].to_numpy() for label in (0, 1))
+    unbiased = forms.corrected(float((wrong >= 0.5).mean()), float((right >= 0.5).mean()))
+    cases: dict[str, dict] = {}
+    for name, form in (
+        ("1 - p", None), ("0.5 - p", forms.half), ("log-odds", forms.log_odds),
+        ("yes or no", forms.yes_or_no), ("yes or no, corrected", unbiased),
+    ):  # fmt: skip
+        told = {"feedback": form} if form else {}
+        contrast = wrong.mean() - right.mean()
+        if form:
+            contrast = form(right, 0.0, 0.0).mean() - form(wrong, 0.0, 0.0).mean()
         weight = Profile.w_hf * (wrong.mean() - right.mean()) / contrast
-        cases[name] = {"feedback": form, "w_hf": float(f"{weight:.3g}")}
+        for scale, words in ((1, ""), (0.5, ", half"), (2, ", twice")):
+            cases[name + words] = told | {"w_hf": float(f"{scale * weight:.3g}")}
     return cases
 
 
 def _weights(beyond):
+    """Fixed weights, some that change in training, and one by how far p(error) spreads.
+
+    The spread needs no labels, and is small where a decoder knows little.
+    """
     fixed = {f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)}
-    return fixed | {f.__name__: {"feedback": f} for f in (fading, growing, doubting)}
+    changing = {f.__name__: {"feedback": f} for f in (forms.fading, forms.growing, forms.doubting)}
+    ranked = beyond.study.ranked_subjects()
+    spread = {who: rows_of(beyond.p_error, who)["p_error"].std() for who in ranked}
+    for who in (ranked[0], ranked[-1]):
+        weight = float(f"{Profile.w_hf * spread[who] / spread[beyond.person]:.3g}")
+        fixed |= {f"always {Profile.w_hf:g}, {who}": {"subject": who}}
+        changing |= {f"by spread, {who}": {"subject": who, "w_hf": weight}}
+    return fixed | changing
 
 
 def _observers(beyond):
     """Whose preferences: an ideal decoder, so that they alone differ."""
     watchers = {"path": "path", "lay": "lay"} | {
-        f.__name__: f for f in (planner, wary, hates_speed)
+        f.__name__: f for f in (forms.planner, forms.wary, forms.hates_speed)
     }
     return {name: {"subject": IDEAL, "observer": watcher} for name, watcher in watchers.items()}
+
+
+def _tiring(beyond):
+    """A session in which the person tires, and a decoder that is, or isn't, kept up to date."""
+    states = ("rested", "tired", "updated")
+    return {state: {"subject": f"{beyond.person}_{state}", "session": PARTS} for state in states}
 
 
 #: By name, what the cases of each vary.
 EXPERIMENTS: dict[str, Callable[[Beyond], dict[str, dict]]] = {
     "ladder": _ladder, "bias": _bias, "lateness": _lateness, "remedies": _remedies,
-    "forms": _forms, "weights": _weights, "observers": _observers,
+    "labels": _labels, "forms": _forms, "weights": _weights, "observers": _observers,
+    "tiring": _tiring,
 }  # fmt: skip

@@ -62,10 +62,13 @@ def test_folders_follow_profile_and_source(tmp_path):
 
 
 def test_policy_subjects_are_the_weakest_the_median_and_the_strongest_decoder(tmp_path):
+    pilots = Study("pilots", out=tmp_path)
+    write_decoder(pilots, [0.9, 0.7, 0.8, 0.95, 0.6])
+    assert pilots.policy_subjects() == ["s04", "s05", "s06"]
+    assert len(pilots.run_configs("rlihf")) == 6
     study = Study("quick", out=tmp_path)
     write_decoder(study, [0.9, 0.7, 0.8, 0.95, 0.6])
-    assert study.policy_subjects() == ["s04", "s05", "s06"]
-    assert len(study.run_configs("rlihf")) == 6
+    assert len(study.run_configs("rlihf")) == 10, "two seeds of everybody, up to eight people"
     ablation = study.run_configs("ablation")
     assert len(ablation) == 6 and {config.subject for config in ablation} == {"s04"}
     main = [config for config in ablation if config.w_hf == 0.7]

@@ -1,7 +1,9 @@
 """Whether signals of one's own can be EEG: units, flat channels, offsets, artefacts.
 
 Each refusal is a ValueError that names file, channel, value and remedy. The limits are far from
-what EEG shows: of 40 sessions of the NER 2015 challenge, in brackets, none comes near.
+what EEG shows: of 40 sessions of the NER 2015 challenge, in brackets, none comes near. A pulse that
+stays below the limit of artefacts and comes with one class only is found by what it tells
+(`channels.refuse_leaks`); with both, nothing tells it from EEG.
 """
 
 import warnings

@@ -1,12 +1,15 @@
 """What decides: each person's decoder beside the policy that it taught."""
 
+from pathlib import Path
+
 import pandas as pd
 
 from rlihf_lib.report import paper
 from rlihf_lib.report import statistics as st
-from rlihf_lib.report.evaluations import phase_scores
+from rlihf_lib.report.evaluations import derive, phase_scores
 from rlihf_lib.report.style import label
 from rlihf_lib.report.tables import compare, family
+from rlihf_lib.rl.feedback import read_table
 
 MEASURES = ["auroc", "balanced_accuracy", "accuracy_online"]  # of decoders
 REACHED = ("success", "return", "success_early", "success_mid")
@@ -62,3 +65,28 @@ def threshold_table(people: pd.DataFrame) -> pd.DataFrame:
     borders = {"fails_up_to": best, "places_from": weakest, "parts_people": best < weakest}
     table = pd.DataFrame(borders).rename_axis("measure").reset_index()
     return table.assign(n_places=int(places.sum()), n=len(people))
+
+
+def taught(runs: pd.DataFrame, scores: pd.DataFrame, steps: int) -> pd.DataFrame:
+    """How well each person of a study is decoded, and what they have taught in so many steps.
+
+    Late, that is in the last third of these steps. Columns subject, auroc, success.
+    """
+    late = phase_scores(derive(runs[runs["step"] <= steps]))
+    success = late.query("group == 'rlihf'").groupby("subject")["success"].mean()
+    return scores[["subject", "auroc"]].merge(success.reset_index(), on="subject")
+
+
+def taught_elsewhere(results: Path, profile: str) -> dict[str, tuple[Path, pd.DataFrame]]:
+    """The same of the studies of a profile that lie in a folder of results, by name, and its file.
+
+    As notebook 04 wrote it.
+    """
+    files = sorted(results.glob(f"{profile}-*/tables/subjects.csv"))
+    return {
+        file.parts[-3].removeprefix(f"{profile}-"): (
+            file,
+            read_table(file, ("subject", "auroc", "success"))[["subject", "auroc", "success"]],
+        )
+        for file in files
+    }

@@ -73,25 +73,27 @@ def played():
         by_trigger = lsl.LiveDecoder(decoder, "player", "45", trigger="TRIGGER", out="t")
         words = {"events": ["FB1", "FB2"], "markers": "player-annotations"}
         by_markers = lsl.LiveDecoder(decoder, "player", **words, out="m")
-        answers, until = ([], []), time.time() + 12
+        corrected = lsl.LiveDecoder(decoder, "player", **words, delay=1 / RATE, out="c")
+        answers, until = ([], [], []), time.time() + 12
         while min(map(len, answers)) < 4 and time.time() < until:
-            answers[0].extend(by_trigger.poll(0.005))
-            answers[1].extend(by_markers.poll(0.005))
+            for found, live in zip(answers, (by_trigger, by_markers, corrected), strict=True):
+                found.extend(live.poll(0.005))
     return eeg, decoder, answers
 
 
 def test_by_a_trigger_channel_live_equals_offline_bit_for_bit(played):
-    eeg, decoder, (by_trigger, _) = played
+    eeg, decoder, (by_trigger, *_) = played
     assert [answer.flaw for answer in by_trigger] == [""] * 4
     live = [answer.log_odds for answer in by_trigger]
     np.testing.assert_array_equal(live, offline(decoder, eeg, ONSETS))
 
 
-def test_by_the_players_time_stamps_live_is_one_sample_early(played):
-    """mne-lsl stamps an annotation with the sample before it; `delay` makes up for it, below."""
-    eeg, decoder, (_, by_markers) = played
-    live = [answer.log_odds for answer in by_markers]
-    np.testing.assert_array_equal(live, offline(decoder, eeg, ONSETS - 1))
+def test_by_the_players_time_stamps_live_is_one_sample_early_until_corrected(played):
+    """mne-lsl stamps an annotation with the sample before it; `delay` makes up for it."""
+    eeg, decoder, (_, *by_markers) = played
+    for answers, onsets in zip(by_markers, (ONSETS - 1, ONSETS), strict=True):
+        live = [answer.log_odds for answer in answers]
+        np.testing.assert_array_equal(live, offline(decoder, eeg, onsets))
 
 
 def test_p_error_comes_soon_after_the_window(played):

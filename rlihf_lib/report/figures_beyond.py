@@ -1,0 +1,78 @@
+"""Figures of notebook 06: what feedback must be like for a robot to learn from it."""
+
+from collections.abc import Mapping
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from rlihf_lib.report import style
+from rlihf_lib.report.evaluations import RANGES
+from rlihf_lib.report.figures_late import RUNS
+from rlihf_lib.report.figures_policy import AXIS_LABELS, SHARE
+
+MARKERS = "osD^vP"  # of studies, in their order
+
+
+def people_figure(people: Mapping[str, pd.DataFrame], references: Mapping[str, float]) -> Figure:
+    """Late success against AUROC: a point a person, a marker a study, by what to call it.
+
+    Tables as `people.taught` makes them. `references`: late success of groups without a person.
+    """
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.9))
+    for group, reached in references.items():
+        ax.axhline(reached, **style.line_style(group), label=style.label(group))
+    for number, (name, table) in enumerate(people.items()):
+        filled = {
+            "mfc": style.color("rlihf") if number == 0 else "none",
+            "mec": style.color("rlihf"),
+        }
+        label = f"{name} (n = {len(table)})"
+        ax.plot(
+            table["auroc"], table["success"], MARKERS[number], ls="", ms=5, label=label, **filled
+        )
+    ax.set(xlabel="AUROC of the held-out person", ylabel=AXIS_LABELS["success"], ylim=(-0.05, 1.05))
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return fig
+
+
+def cases_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
+    """What runs of each case of an experiment reach late: dots are runs, diamonds their means.
+
+    Of `beyond.Beyond.late`, a panel for each metric.
+    """
+    cases = late["case"].cat.categories[::-1]
+    size = style.PAGE_WIDTH, 0.8 + 0.22 * len(cases)
+    fig, axes = plt.subplots(1, len(metrics), figsize=size, sharey=True, squeeze=False)
+    for ax, metric in zip(axes[0], metrics, strict=True):
+        scale = 100 if metric == "clearance" else 1
+        for place, case in enumerate(cases):
+            scores = scale * late.loc[late["case"] == case, metric].dropna()
+            ax.plot(scores, np.full(len(scores), place), color=style.color("rlihf"), **RUNS)
+            ax.plot(scores.mean(), place, "D", color=style.color("rlihf"), ms=4)
+        ax.set(xlabel=AXIS_LABELS[metric], yticks=range(len(cases)), yticklabels=cases)
+        if RANGES[metric] == (0, 1):
+            ax.set_xlim(SHARE)
+    return fig
+
+
+def grid_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
+    """Means over the runs of a grid of intervals (down) and delays (across), in s; in numbers.
+
+    Of `beyond.Beyond.late` with the columns interval and delay, in control steps.
+    """
+    fig, axes = plt.subplots(1, len(metrics), figsize=(style.PAGE_WIDTH, 2.2), sharey=True)
+    for ax, metric in zip(np.atleast_1d(axes), metrics, strict=True):
+        table = late.pivot_table(metric, "interval", "delay")
+        ax.imshow(table, cmap="Oranges", vmin=0, vmax=1, aspect="auto")
+        for row, column in np.ndindex(table.shape):
+            reached = table.iloc[row, column]
+            shade = "white" if reached > 0.6 else "black"
+            ax.text(column, row, f"{reached:.2f}", ha="center", va="center", color=shade)
+        ax.set_xticks(range(table.shape[1]), [f"{0.1 * delay:g}" for delay in table.columns])
+        ax.set_yticks(range(table.shape[0]), [f"{0.1 * every:g}" for every in table.index])
+        ax.set(xlabel="Delay of the answer (s)", title=AXIS_LABELS[metric])
+        ax.grid(visible=False)
+    np.atleast_1d(axes)[0].set_ylabel("One answer every ... s")
+    return fig
