@@ -7,7 +7,6 @@ import threading
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rlihf_lib import progress
 from rlihf_lib.files import one_at_a_time, write_text
@@ -78,16 +77,12 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     names = {step.notebook for step in steps}
     if names.difference(FROM_EEG) and "02_loso_decoder" not in names:
         study.p_error()  # which policies need; not after hours of those that don't
-    jobs = [
-        (
-            NOTEBOOKS / f"{step.notebook}.ipynb",
-            study.notebooks / f"{step.title}.ipynb",
-            _parameters(study, step, workers, recompute),
-        )
-        for step in steps
-    ]
-    for notebook, _, parameters in jobs:
+    jobs = []
+    for step in steps:
+        notebook = NOTEBOOKS / f"{step.notebook}.ipynb"
+        parameters = _parameters(study, step, workers, recompute)
         check_parameters(notebook, parameters)
+        jobs.append((notebook, study.notebooks / f"{step.title}.ipynb", parameters))
     with one_at_a_time(study.results, study.notebooks, study.tables, study.figures):
         for together in _groups(study, jobs, recompute):
             n_processes = min(len(together), workers or os.cpu_count() or 1)
@@ -174,6 +169,7 @@ def execute(notebook: Path, output: Path, parameters, bars=True) -> None:
 def _write_plain(copy):
     """Leave in an executed copy what its reader sees: equal results make equal files."""
     import nbformat
+    from nbconvert.preprocessors import CoalesceStreamsPreprocessor
 
     from rlihf_lib.interact import WIDGET
 
@@ -187,17 +183,8 @@ def _write_plain(copy):
         if "injected-parameters" in cell.metadata.get("tags", []):
             cell.id = f"parameters-{number}"
         if cell.cell_type == "code":
-            shown: list[Any] = []
-            for output in cell.outputs:
-                if (
-                    output.output_type == "stream"
-                    and shown
-                    and output.name == shown[-1].get("name")
-                ):
-                    shown[-1].text += output.text  # printed lines come in pieces, by chance
-                elif WIDGET not in output.get("data", {}):
-                    shown.append(output)
-            cell.outputs = shown
+            cell.outputs = [out for out in cell.outputs if WIDGET not in out.get("data", {})]
+    CoalesceStreamsPreprocessor().preprocess(nb, {})  # printed lines come in pieces, by chance
     write_text(copy, nbformat.writes(nb) + "\n")
 
 
@@ -244,11 +231,9 @@ def _shown(title, bars):
 def _check_writable(study):
     """Fail before any work if the output cannot be written."""
     for folder in (study.results, study.figures, study.notebooks):
-        probe = folder / ".writable"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            probe.touch()
-            probe.unlink()
+            tempfile.TemporaryFile(dir=folder).close()
         except OSError as error:
             raise OSError(
                 f"cannot write to {folder} ({error.strerror}); choose another folder with --out"
