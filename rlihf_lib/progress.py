@@ -24,24 +24,18 @@ class Progress:
     """
 
     def __init__(self, total: int, done: int, unit: str):
+        from tqdm import auto, std
+
         path = os.environ.get(VARIABLE)
-        if path:
-            from tqdm import tqdm
-
-            options = {"file": io.StringIO()}
-        else:
-            from tqdm.auto import tqdm
-
-            options = {}
         self._path = Path(path) if path else None
         self._finished = done
         self._running: dict[str, tuple[float, str]] = {}
         self._lock = threading.Lock()  # work elsewhere reports from another thread
-        self._bar = tqdm(
+        self._bar = (std if path else auto).tqdm(
             total=total,
             initial=done,
             bar_format=f"{unit}: {{n:.1f}} of {{total}} {{bar:20}} {{remaining}} to go{{postfix}}",
-            **options,
+            file=io.StringIO() if path else None,
         )
 
     def __enter__(self) -> "Progress":
