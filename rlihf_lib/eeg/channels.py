@@ -17,16 +17,6 @@ _REMEDY = (
 )
 
 
-def require_channels(names, required, path) -> None:
-    """Refuse a recording that lacks one of the `required` channels."""
-    missing = [name for name in required if name not in names]
-    if missing:
-        raise ValueError(
-            f"{path}: channel {', '.join(missing)} is missing (it has {', '.join(names)}); "
-            "rename or interpolate it in the file"
-        )
-
-
 def set_positions(instance) -> None:
     """Give EEG channels without a position the one of the 10-05 system, by their name."""
     picks = mne.pick_types(instance.info, eeg=True, exclude=())

@@ -96,14 +96,13 @@ class Decoder:
             "temperature": self.temperature,
             "prior": self.prior,
         }
-        if self.linear is not None:
-            header["bias"] = self.bias
-        if self.band is not None:
-            header["band"] = self.band
         # Trained in single precision, so nothing is lost.
         tensors = {n: value.float().contiguous() for n, value in self.networks.state_dict().items()}
         if self.linear is not None:
+            header["bias"] = self.bias
             tensors["linear"] = torch.from_numpy(self.linear)
+        if self.band is not None:
+            header["band"] = self.band
         with atomic_path(path) as temporary:
             # One entry, because safetensors writes several in random order.
             temporary.write_bytes(save(tensors, metadata={"decoder": json.dumps(header)}))

@@ -31,7 +31,8 @@ def fine_tune(decoder, signals, labels, n_steps=20, learning_rate=1e-4) -> Decod
     AUROC there fell from 0.89 to 0.78. The comparison was made after 1e-3 had been seen to hurt
     held-out people, so it was not blind.
     """
-    networks = copy.deepcopy(decoder.networks).eval()
+    adapted = copy.deepcopy(decoder)
+    networks = adapted.networks
     x = decoder.inputs(signals)
     y = torch.from_numpy(np.asarray(labels)).expand(networks.n_networks, -1).flatten()
     prior = torch.tensor([0.0, logit(decoder.prior)])
@@ -43,8 +44,7 @@ def fine_tune(decoder, signals, labels, n_steps=20, learning_rate=1e-4) -> Decod
         (F.cross_entropy(logits.flatten(0, 1), y) * networks.n_networks).backward()
         optimizer.step()
         networks.constrain()
-    rest = decoder.temperature, decoder.prior, decoder.linear, decoder.bias, decoder.band
-    return Decoder(decoder.input_format, networks, *rest)
+    return adapted
 
 
 def feasible_counts(n_events, counts=COUNTS) -> tuple[int, ...]:

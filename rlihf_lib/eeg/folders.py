@@ -64,8 +64,7 @@ def find(folder) -> tuple[list[Recording], dict[Path, str]]:
         )
     ignored: dict[Path, str] = {}
     parts: dict[tuple, dict[int, Path]] = {}
-    files = _files(folder, ignored)
-    for path in files:
+    for path in _files(folder, ignored):
         try:
             name, part = _parse(path)
         except ValueError as reason:
@@ -173,14 +172,13 @@ def _natural(name):
 
 
 def _check_subjects(subjects, folder):
+    lower: dict[str, str] = {}
     for subject in sorted(subjects):
         if not re.fullmatch(r"[0-9A-Za-z+]+", subject) or subject.lower() in RESERVED:
             raise ValueError(
                 f"{folder}: a person is named {subject!r}; rename the files, with letters a to z "
                 f"and digits and none of {', '.join(RESERVED)}"
             )
-    lower: dict[str, str] = {}
-    for subject in sorted(subjects):
         if (other := lower.setdefault(subject.lower(), subject)) != subject:
             raise ValueError(
                 f"{folder}: people named {other} and {subject} could not be told apart on every "

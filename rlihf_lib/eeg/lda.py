@@ -124,6 +124,7 @@ def _shrunk(covariance, fourth, count):
     return (1 - share) * covariance + share * np.diag(variance)
 
 
+@threadpool_limits.wrap(limits=1)
 def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
     """Cross-validated decoding of each person, by folds contiguous in time.
 
@@ -141,7 +142,8 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
             if len(np.unique(labels[train])) < 2:
                 continue  # nothing to learn from: undecided
             x = _flat(inverse_root(each[train].mean(axis=0)) @ means)
-            decision[~train] = _decide(x[train], labels[train], x[~train])
+            lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
+            decision[~train] = lda.fit(x[train], labels[train]).decision_function(x[~train])
         rows.append(_score(subject, decision, labels))
     return pd.DataFrame(rows)
 
@@ -156,12 +158,6 @@ def _window(subject, epochs, settings):
 
 def _flat(means):
     return means.reshape(len(means), -1)
-
-
-@threadpool_limits.wrap(limits=1)  # of matrices this small, two threads make a detour
-def _decide(means, labels, test):
-    lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
-    return lda.fit(means, labels).decision_function(test)
 
 
 def _score(subject, decision, labels):

@@ -105,10 +105,7 @@ def _run_folds(cohort, folder, settings, workers, recompute):
     subjects = list(cohort)
     folds = leave_one_subject_out(subjects, settings.ensemble, settings.n_validation)
     data, identities, input_format = _conditioned(cohort, settings)
-    counts = {subject: len(labels) for subject, (_, labels, _) in data.items()}
-    keys = {
-        fold.test: _fold_key(fold, settings, input_format, identities, counts) for fold in folds
-    }
+    keys = {fold.test: _fold_key(fold, settings, input_format, identities) for fold in folds}
     missing = [f for f in folds if recompute or not _is_done(folder, f.test, keys[f.test])]
     run = partial(_run_fold, cohort, input_format, settings, folder)
     jobs = [(fold.training_pool(data), keys[fold.test]) for fold in missing]
@@ -162,7 +159,7 @@ def _conditioned(cohort, settings):
         aurocs.append(channel_auroc(picked, epochs.labels))
         conditioned = input_format.condition(picked).astype(np.float32)
         data[subject] = conditioned, epochs.labels, input_format.means(picked)
-        identities[subject] = epochs.fingerprint(), epochs.power()
+        identities[subject] = epochs.fingerprint(), epochs.power(), len(epochs.labels)
     refuse_leaks(aurocs, input_format.channels, "the epochs")
     return data, identities, input_format
 
@@ -221,12 +218,12 @@ def _told(settings):
     return told
 
 
-def _fold_key(fold, settings, input_format, identities, counts):
+def _fold_key(fold, settings, input_format, identities):
     """Name everything a fold's results follow from: a hash, and the power of every subject."""
+    subjects = (*fold.pool, fold.test)
+    exact, power, counts = ({s: identities[s][part] for s in subjects} for part in (0, 1, 2))
     shortest = min(sum(counts[s] for s in fold.training(n)) for n in range(len(fold.validation)))
     repeats = passes_at_a_time(shortest, settings.batch_size)
-    subjects = (*fold.pool, fold.test)
-    exact, power = ({s: identities[s][part] for s in subjects} for part in (0, 1))
     parts = [_VERSION, asdict(fold), _told(settings), asdict(input_format), exact]
     parts += [repeats] if repeats > 1 else []
     return {"hash": sha256(canonical_json(parts)), "power": power}

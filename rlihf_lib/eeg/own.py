@@ -40,14 +40,9 @@ def common_channels(headers, drop=()) -> list[str]:
             f"{first.parent} has no channel {', '.join(unknown)} to drop; it has "
             f"{', '.join(sorted(known))}"
         )
-    common = [
-        name
-        for name, kind in types[0].items()
-        if kind in formats.TYPES
-        and name not in drop
-        and all(each.get(name) == kind for each in types)
-    ]
-    if "eeg" not in {types[0][name] for name in common}:
+    usable = {n: kind for n, kind in types[0].items() if kind in formats.TYPES and n not in drop}
+    common = [n for n, kind in usable.items() if all(each.get(n) == kind for each in types)]
+    if "eeg" not in {usable[name] for name in common}:
         each = "; ".join(f"{r.path.name}: {', '.join(h.types)}" for r, h in headers.items())
         raise ValueError(
             f"no EEG channel is in all files and not dropped ({each}); drop fewer, name channels "
@@ -164,11 +159,9 @@ def label_codes(names: Iterable[str], events, path) -> dict[str, int]:
     """
     codes = {}
     for name in names:
-        meant = [label for label, event in enumerate(events) if event == name] or [
-            label
-            for label, event in enumerate(events)
-            if set(event.split("/")) <= set(name.split("/"))
-        ]
+        parts = set(name.split("/"))
+        meant = [label for label, event in enumerate(events) if event == name]
+        meant = meant or [n for n, event in enumerate(events) if set(event.split("/")) <= parts]
         if len(meant) > 1:
             raise ValueError(
                 f"{path}: its event {name!r} is both, {' and '.join(map(repr, events))}; give the "

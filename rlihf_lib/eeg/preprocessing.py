@@ -12,7 +12,7 @@ import pandas as pd
 
 from rlihf_lib.eeg import hri, own, quality, recordings
 from rlihf_lib.eeg.formats import labelled_epochs
-from rlihf_lib.eeg.streaming import CausalFilter
+from rlihf_lib.eeg.streaming import ARTEFACT, CausalFilter
 from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
@@ -35,7 +35,7 @@ class Preprocessing:
     #: taken the offset away, and a window that starts at the onset is what a stream can cut.
     duration: float = 2.0
     before: float = 0.0  # s before the onset that are cut, too, but not looked at for artefacts
-    reject: float = 200e-6  # V, peak to peak on any EEG channel, above which is an artefact
+    reject: float = ARTEFACT  # V (200e-6), peak to peak on any EEG channel; more is an artefact
     #: Of a folder of one's own: names of the events, channels that are left out.
     correct_event: str = "correct"
     error_event: str = "error"
@@ -78,16 +78,12 @@ def prepare(cohorts: Sequence[Cohort], workers: int = 0) -> None:
 
     People side by side on `workers` processes, 0 = one per core.
     """
-    missing = [
-        subject
-        for subject in cohorts[0]
-        if not all(
-            recordings.is_there(cohort.eeg, subject)
-            and _cache(cohort.eeg, subject, cohort.settings).is_file()
-            for cohort in cohorts
-        )
-    ]
-    jobs = [(cohorts, subject) for subject in missing]
+
+    def is_cut(cohort, subject):
+        there = recordings.is_there(cohort.eeg, subject)
+        return there and _cache(cohort.eeg, subject, cohort.settings).is_file()
+
+    jobs = [(cohorts, s) for s in cohorts[0] if not all(is_cut(cohort, s) for cohort in cohorts)]
     n_processes = min(workers or os.cpu_count() or 1, len(jobs))
     with Progress(len(cohorts[0]), len(cohorts[0]) - len(jobs), "recordings") as progress:
         for subject in in_processes(_cut_for, jobs, n_processes):
@@ -117,7 +113,7 @@ def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
     filter: a second filtering of short epochs smears their edges into the response.
     """
     if recordings.is_continuous(eeg):
-        return _cached(eeg, subject, settings)[0]
+        return mne.read_epochs(_cut_files(eeg, subject, settings)[0], verbose="error")
     if settings.phase != "zero":
         raise ValueError(f"{eeg} holds epochs; a causal filter needs a continuous recording")
     epochs = own.load_epochs(eeg, subject, settings)
@@ -132,7 +128,8 @@ def load_events(eeg, subject, settings=Preprocessing()) -> pd.DataFrame:
     -1 neither; status one of kept, artefact, human error, no outcome, past the end.
     """
     recordings.require_continuous(eeg)
-    return _cached(eeg, subject, settings)[1]
+    table = _cut_files(eeg, subject, settings)[1]
+    return pd.read_csv(table, dtype={"subject": str, "session": str}, keep_default_na=False)
 
 
 def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawArray, pd.DataFrame]:
@@ -263,9 +260,3 @@ def _cut_files(eeg, subject, settings):
             cut(raw, events, settings).save(temporary, overwrite=True, verbose="error")
         write_csv(table, events)
     return file, table
-
-
-def _cached(eeg, subject, settings):
-    file, table = _cut_files(eeg, subject, settings)
-    events = pd.read_csv(table, dtype={"subject": str, "session": str}, keep_default_na=False)
-    return mne.read_epochs(file, verbose="error"), events

@@ -7,7 +7,6 @@ import mne
 import numpy as np
 
 from rlihf_lib.eeg import folders, formats, hri, own, simulated
-from rlihf_lib.eeg.channels import require_channels
 from rlihf_lib.eeg.eeglab import read_eeglab
 from rlihf_lib.files import sha256
 
@@ -71,7 +70,11 @@ def read_recording(eeg, subject, drop=()) -> mne.io.RawArray:
         return formats.read_raw(first, own.common_channels(held, drop))[0]
     path = recording_path(eeg, subject)
     raw = read_eeglab(path)
-    require_channels(raw.ch_names, hri.EEG_CHANNELS, path)
+    if missing := [name for name in hri.EEG_CHANNELS if name not in raw.ch_names]:
+        raise ValueError(
+            f"{path}: channel {', '.join(missing)} is missing (it has {', '.join(raw.ch_names)}); "
+            "rename or interpolate it in the file"
+        )
     return raw
 
 

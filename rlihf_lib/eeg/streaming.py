@@ -14,7 +14,7 @@ CHUNK = 8  # samples an amplifier delivers at a time, 31 ms at 256 Hz; p(error) 
 #: Orders of the causal filter at its lower and its upper edge. The less steep, the sooner a
 #: response is through: with 2, 2 the AUROC of 0.6 s was .02 lower (LDA, simulated people).
 ORDERS = 1, 2
-#: Peak to peak on any channel, V: less is no signal, more an artefact (`Preprocessing.reject`).
+#: Peak to peak on any channel, V: less is no signal, more an artefact.
 FLAT, ARTEFACT = 0.1e-6, 200e-6
 
 
