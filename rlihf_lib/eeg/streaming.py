@@ -166,19 +166,16 @@ def replay(decoder, signals, chunk=CHUNK) -> tuple[np.ndarray, np.ndarray]:
     From signals as for `Decoder.log_odds` to their log-odds and latencies in s, shape (n,).
     """
     stream = StreamDecoder(decoder)
-    signals = decoder.input_format.window(signals)
-    n, n_channels, n_times = signals.shape
-    for event in np.arange(n) * n_times - stream.buffer.offset:
-        stream.mark(event)
-    recording = signals.transpose(1, 0, 2).reshape(n_channels, -1)
-    log_odds = [log_odds for _, log_odds in _stream(stream, recording, chunk)]
+    log_odds = [_stream(stream, window, chunk) for window in decoder.input_format.window(signals)]
     return np.array(log_odds), np.array(stream.latencies)
 
 
-def _stream(stream, recording, chunk):
-    """What `StreamDecoder.push` gives for a recording, in chunks of so many samples."""
-    for first in range(0, recording.shape[1], chunk):
-        yield from stream.push(recording[:, first : first + chunk])
+def _stream(stream, window, chunk=CHUNK):
+    """Log-odds of a window, which comes as the next samples of a stream."""
+    stream.mark(stream.buffer.n_received - stream.buffer.offset)
+    pieces = (window[:, first : first + chunk] for first in range(0, window.shape[1], chunk))
+    ((_, log_odds),) = (decoded for piece in pieces for decoded in stream.push(piece))
+    return log_odds
 
 
 class LiveFeedback:
@@ -196,7 +193,4 @@ class LiveFeedback:
 
     def __call__(self, epoch) -> float:
         """Stream the epoch of that number, as in the p(error) table, and decode it."""
-        buffer = self._stream.buffer
-        self._stream.mark(buffer.n_received - buffer.offset)
-        ((_, log_odds),) = _stream(self._stream, self._windows[epoch], CHUNK)
-        return self._stream.p_error(log_odds)
+        return self._stream.p_error(_stream(self._stream, self._windows[epoch]))
