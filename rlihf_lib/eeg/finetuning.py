@@ -47,9 +47,9 @@ def fine_tune(decoder, signals, labels, n_steps=20, learning_rate=1e-4) -> Decod
     return adapted
 
 
-def feasible_counts(n_events, counts=COUNTS) -> tuple[int, ...]:
-    """The counts that leave at least half of `n_events` to be scored on."""
-    return tuple(count for count in counts if 2 * count <= n_events)
+def feasible_counts(n_events) -> tuple[int, ...]:
+    """The `COUNTS` that leave at least half of `n_events` to be scored on."""
+    return tuple(count for count in COUNTS if 2 * count <= n_events)
 
 
 def online_update(cohort, folder, settings=DEFAULTS, counts=COUNTS) -> pd.DataFrame:

@@ -154,16 +154,14 @@ def _download(url, target, blob):
         if git_blob_id(partial) == blob:
             os.replace(partial, target)
             return
-        size = partial.stat().st_size
-        with partial.open("rb") as file:
-            begin = file.read(40)
+        arrived = partial.read_bytes()
         partial.unlink()
         # A server that knows no ranges sent the whole file after the part: once more, from zero.
         if not start:
-            page = begin.lstrip().startswith(b"<")
+            page = arrived.lstrip().startswith(b"<")
             what = "a web page, perhaps a login or proxy" if page else "wrong"
             raise ValueError(
-                f"{url}: what arrived ({size} bytes, beginning {begin!r}) is not "
+                f"{url}: what arrived ({len(arrived)} bytes, beginning {arrived[:40]!r}) is not "
                 f"the published file (git blob {blob}) but {what}; it was discarded. {by_hand}"
             )
     raise OSError(f"{url} could not be resumed; try again. {by_hand}")

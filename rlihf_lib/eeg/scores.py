@@ -43,13 +43,13 @@ def fit_temperature(log_odds, labels, prior_log_odds=0.0) -> float:
     return float(np.exp(best.x))
 
 
-def reliability(p_error, labels, n_bins=N_BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def reliability(p_error, labels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of each bin of p(error): its mean, the fraction of errors (NaN if empty), the epochs."""
-    bins = np.minimum((np.asarray(p_error) * n_bins).astype(int), n_bins - 1)
-    count = np.bincount(bins, minlength=n_bins)
+    bins = np.minimum((np.asarray(p_error) * N_BINS).astype(int), N_BINS - 1)
+    count = np.bincount(bins, minlength=N_BINS)
     with np.errstate(invalid="ignore"):
-        promised = np.bincount(bins, p_error, n_bins) / count
-        observed = np.bincount(bins, labels, n_bins) / count
+        promised = np.bincount(bins, p_error, N_BINS) / count
+        observed = np.bincount(bins, labels, N_BINS) / count
     return promised, observed, count
 
 
