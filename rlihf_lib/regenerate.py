@@ -37,6 +37,7 @@ STEPS = (
     Step("03_policy_training", {"condition": "rlihf"}),
     Step("04_metrics_tables"),
     Step("05_whf_ablation"),
+    Step("06_beyond_the_paper"),
 )
 FROM_EEG = ("01_dataset_preprocessing", "02_loso_decoder")
 #: Notebooks that read epochs: they need to know how events are named, and what to leave out.

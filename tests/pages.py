@@ -161,6 +161,26 @@ def decoding(study: Study) -> str:
     return _markdown(("", study.eeg_label, "published"), rows)
 
 
+def recorded(study: Study) -> str:
+    """How well recorded people are decoded, mean ± sample standard deviation."""
+    folder = REPOSITORY / "results/quick-ner2015"
+    scores = pd.read_csv(folder / "decoder/scores.csv")
+    lda = pd.read_csv(folder / "tables/lda.csv")
+    rows = [
+        (words, f"{values.mean():.3f} ± {values.std():.3f}")
+        for words, values in (
+            ("AUROC", scores["auroc"]),
+            ("AUROC of shrinkage LDA, channels scaled", lda["auroc_lda"]),
+            ("AUROC of shrinkage LDA, whitened", lda["auroc_whitened_lda"]),
+            ("balanced accuracy", scores["balanced_accuracy"]),
+            ("accuracy at p > 0.5", scores["accuracy_online"]),
+            ("accuracy of saying always *correct*", scores["majority"]),
+            ("calibration error", scores["ece"]),
+        )
+    ]
+    return _markdown(("", f"NER 2015, {len(scores)} people"), rows)
+
+
 def feedback(study: Study) -> str:
     """What human feedback adds to dense reward, and with whom it is worth following."""
     from rlihf_lib.rl.incentives import explained_sentence
@@ -280,7 +300,7 @@ def _markdown(header, rows):
 
 PARTS = {
     part.__name__: part
-    for part in (results, decoding, feedback, pilots, smaller, speed, benchmarks, gallery)
+    for part in (results, decoding, recorded, feedback, pilots, smaller, speed, benchmarks, gallery)
 }
 
 

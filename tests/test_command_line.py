@@ -21,7 +21,7 @@ REFUSED = [
       for text in ("", "two", "1.5", " 2", "0x2", "NaN", "-1", "-0", "²", "1001", "9" * 20)),
     (["--only"], "expected at least one argument"),
     *((["--only", text], f"no notebook {text.split(',')[-1]!r} to execute; {NO_NOTEBOOK}")
-      for text in ("", "0", "06", "1e0", "03_policy", "*", "../x", "01,,", "01,99")),
+      for text in ("", "0", "07", "1e0", "03_policy", "*", "../x", "01,,", "01,99")),
     (["--only", "04", "7"], f"no notebook '7' to execute; {NO_NOTEBOOK}"),
     (["--only", "01", "--p-error", "lab.csv"], "no notebook '01' to execute; choose from 03_"),
     *((["--eeg", text], f"eeg is {text!r}, {NO_EEG}")

@@ -87,6 +87,14 @@ WRONG = {
             "def your_share(r, w, k): return 0.5": "by SciPy",
         },
     },
+    "06_beyond_the_paper": {
+        1: {
+            "def your_auroc(h, m, c, f): return (h + c) / (h + m + c + f)": "That is accuracy",
+            "def your_auroc(h, m, c, f): return h / (h + m)": "hit rate",
+            "def your_auroc(h, m, c, f): return h / (h + m) * c / (c + f)": "Ties count one half",
+            "def your_auroc(h, m, c, f): return 0.5": "Over all pairs",
+        },
+    },
 }
 
 

@@ -70,13 +70,13 @@ def test_only_accepts_numbers_and_names():
         "03_policy_training-rlihf",
         "04_metrics_tables",
     ]
-    assert len(select([], Study("smoke"))) == 7
+    assert len(select([], Study("smoke"))) == 8
 
 
 def test_of_a_table_of_p_error_what_reads_eeg_is_left_out(tmp_path):
     (tmp_path / "lab.csv").touch()
     study = Study("smoke", tmp_path / "lab.csv")
-    assert {step.notebook[:2] for step in select([], study)} == {"03", "04", "05"}
+    assert {step.notebook[:2] for step in select([], study)} == {"03", "04", "05", "06"}
     with pytest.raises(ValueError, match="no notebook '2' to execute; choose from 03_"):
         select(["2"], study)
 

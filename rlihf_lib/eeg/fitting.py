@@ -42,10 +42,11 @@ class DecoderSettings:
 
 
 DEFAULTS = DecoderSettings()
-#: Of the weights, in what counts as one pass: of few epochs several passes. Networks need some
-#: hundred updates to learn anything, and the running mean of weights some dozens to forget the
-#: start. On planted error potentials (3 people of 100 epochs, 15 passes) AUROC was .86 with 1,
-#: .96 with 6, 10 and 20; LDA's is .96.
+#: Of the weights, in what counts as one pass: of few epochs several passes, so that training is as
+#: long in updates as it has to be. Networks need some hundred of them to learn anything, and the
+#: running mean of weights, which has no other warm-up, some dozens to forget the start. On planted
+#: error potentials (3 people of 100 epochs, 15 passes) AUROC was .86 with 1, .96 with 6, 10 and 20;
+#: LDA's is .96.
 LEAST_UPDATES = 10
 
 

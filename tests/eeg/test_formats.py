@@ -208,14 +208,39 @@ def test_a_missing_companion_is_named(folder, planted, name):
         load_epochs(folder, "01", NAMED)
 
 
-def test_a_missing_part_of_a_split_file_is_named(folder):
-    epochs = mne.EpochsArray(
-        np.random.default_rng(0).normal(0, 1e-5, (300, 5, 500)),
+def epochs_of(n):
+    return mne.EpochsArray(
+        np.random.default_rng(0).normal(0, 1e-5, (n, 5, 500)),
         mne.create_info(list(writers.NAMES), 100.0, "eeg"),
-        np.column_stack([np.arange(300), np.zeros(300, int), np.arange(300) % 2 + 1]),
+        np.column_stack([np.arange(n), np.zeros(n, int), np.arange(n) % 2 + 1]),
         event_id={"correct": 1, "error": 2},
         verbose="error",
     )
+
+
+def test_a_recording_that_was_split_as_in_bids_is_read_whole(folder):
+    signal, events = writers.planted(0, n=200, spacing=2.5)
+    raw = writers.raw_of(np.tile(signal, (4, 1)), events, [f"E{i}" for i in range(20)])
+    name = folder / "sub-01_task-errp_eeg.fif"
+    raw.save(name, split_size="2MB", split_naming="bids", verbose="error")
+    (recording,), ignored = find(folder)
+    assert len(recording.files) > 1 and not ignored
+    assert len(load_epochs(folder, "01", NAMED)) == 200
+    recording.files[-1].unlink()
+    with pytest.raises(FileNotFoundError, match=r"split-01_eeg\.fif is not complete"):
+        load_epochs(folder, "01", NAMED)
+
+
+def test_compressed_epochs_are_those_that_were_saved(folder):
+    epochs = epochs_of(20)
+    epochs.save(folder / "sub-01_epo.fif.gz", verbose="error")
+    found = load_epochs(folder, "01", NAMED)
+    assert found.metadata["label"].tolist() == [0, 1] * 10
+    np.testing.assert_allclose(found.get_data(), epochs.get_data(), atol=1e-10)
+
+
+def test_a_missing_part_of_a_split_file_is_named(folder):
+    epochs = epochs_of(300)
     epochs.save(folder / "sub-01_epo.fif", split_size="2MB", verbose="error")
     (recording,), _ = find(folder)
     assert len(recording.files) > 2 and len(load_epochs(folder, "01", NAMED)) == 300

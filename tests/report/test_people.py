@@ -31,3 +31,25 @@ def test_measures_that_do_not_part_people_say_so(runs, scores):
     assert table.loc["auroc", ["fails_up_to", "places_from"]].tolist() == list(scores["auroc"][1:3])
     assert table.loc["auroc", "parts_people"] and not table.loc["accuracy_online", "parts_people"]
     assert set(table["n_places"]) == {10} and set(table["n"]) == {12}
+
+
+def test_what_people_have_taught_is_counted_in_the_last_third_of_so_many_steps(runs, scores):
+    two_thirds = people.taught(runs, scores, 2_000)
+    assert two_thirds["subject"].tolist() == scores["subject"].tolist()
+    own = runs.query("subject == 's05' and step == 2000")["success"].mean()
+    assert two_thirds.set_index("subject").loc["s05", "success"] == pytest.approx(own)
+    whole = people.taught(runs, scores, 3_000)
+    table = people.subject_table(runs, scores)
+    assert whole["success"].tolist() == pytest.approx(table["success"].tolist())
+
+
+def test_people_of_other_studies_are_read_from_their_tables(runs, scores, tmp_path):
+    assert people.taught_elsewhere(tmp_path, "quick") == {}
+    for study in ("quick-lab", "paper-other"):
+        file = tmp_path / study / "tables/subjects.csv"
+        file.parent.mkdir(parents=True)
+        people.subject_table(runs, scores).assign(subject="07").to_csv(file, index=False)
+    found = people.taught_elsewhere(tmp_path, "quick")
+    ((name, (file, table)),) = found.items()
+    assert name == "lab" and file == tmp_path / "quick-lab/tables/subjects.csv"
+    assert list(table) == ["subject", "auroc", "success"] and set(table["subject"]) == {"07"}

@@ -1,0 +1,42 @@
+"""Figures of notebook 06 show what is in their tables."""
+
+import pandas as pd
+import pytest
+
+from rlihf_lib.report import figures_beyond
+
+
+def test_every_person_is_a_point_and_every_study_a_marker():
+    own = pd.DataFrame({"subject": ["a", "b"], "auroc": [0.7, 0.9], "success": [0.1, 0.8]})
+    other = pd.DataFrame({"subject": ["c"], "auroc": [0.8], "success": [0.5]})
+    reached = {"dense": 0.9, "sparse": 0.0}
+    fig = figures_beyond.people_figure({"simulated EEG": own, "lab": other}, reached)
+    assert [text.get_text() for text in fig.legends[0].texts] == ["RL dense", "RL sparse", "simulated EEG (n = 2)", "lab (n = 1)"]
+    *_, first, second = fig.axes[0].lines
+    assert first.get_xydata().tolist() == [[0.7, 0.1], [0.9, 0.8]]
+    assert second.get_xydata().tolist() == [[0.8, 0.5]]
+    assert first.get_marker() != second.get_marker()
+
+
+@pytest.fixture
+def late():
+    cases = pd.Categorical(["at once", "late", "at once", "late"], ["at once", "late"])
+    table = pd.DataFrame({"case": cases, "interval": [1, 10, 1, 10], "delay": [0, 8, 0, 8]})
+    return table.assign(success=[0.9, 0.1, 0.7, 0.3], clearance=[0.05, None, 0.03, 0.02])
+
+
+def test_a_case_is_a_row_with_its_runs_and_their_mean(late):
+    fig = figures_beyond.cases_figure(late, ("success", "clearance"))
+    success, clearance = fig.axes
+    assert [label.get_text() for label in success.get_yticklabels()] == ["late", "at once"]
+    runs, mean, *_ = success.lines
+    assert runs.get_xdata().tolist() == [0.1, 0.3] and mean.get_xdata() == pytest.approx([0.2])
+    assert clearance.lines[0].get_xdata().tolist() == [2.0], "runs that place nothing keep none"
+
+
+def test_a_grid_shows_the_mean_of_each_interval_and_delay(late):
+    fig = figures_beyond.grid_figure(late, ("success",))
+    (ax,) = fig.axes
+    assert [text.get_text() for text in ax.texts if text.get_text() != "nan"] == ["0.80", "0.20"]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["0", "0.8"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["0.1", "1"]
