@@ -6,7 +6,7 @@ import signal
 import sys
 from datetime import timedelta
 
-from rlihf_lib.regenerate import NOTEBOOKS, NotebookError, regenerate, select
+from rlihf_lib.regenerate import NOTEBOOKS, regenerate, select
 from rlihf_lib.study import EVENTS, PROFILES, Study
 
 MOST_WORKERS = 1_000
@@ -83,19 +83,19 @@ def main(argv=None) -> int:
         )
         return 1
     try:
-        study = _study(options)
-        steps = select([name for item in options.only for name in item.split(",")], study)
-        if study.is_table:
-            study.p_error()  # before anything is trained
-    except (OSError, ValueError) as error:
-        command.error(str(error))
-    try:
+        try:
+            study = _study(options)
+            steps = select([name for item in options.only for name in item.split(",")], study)
+            if study.is_table:
+                study.p_error()  # before anything is trained
+        except (OSError, ValueError) as error:
+            command.error(str(error))
         if options.list:
             _print_status(study, options.workers)
         else:
             regenerate(study, steps, options.workers, options.recompute)
             print(f"figures: {study.figures}\nresults: {study.results}")
-    except (NotebookError, OSError, ValueError) as error:
+    except (RuntimeError, OSError, ValueError) as error:
         print(f"rlihf_lib: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as stopped:

@@ -13,7 +13,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+import platformdirs
+
 SUMS = "SHA256SUMS"  # of the other files of a folder, as `sha256sum -c` reads it
+RESULTS = (".csv", ".json", ".safetensors")  # files that no folder with `SUMS` holds unnamed
+
+
+def cache_dir() -> Path:
+    """Folder for recordings and epochs: ``RLIHF_CACHE``, by default ``~/.cache/rlihf`` on Linux."""
+    if folder := os.environ.get("RLIHF_CACHE"):
+        return Path(folder).absolute()
+    try:
+        return platformdirs.user_cache_path("rlihf")
+    except RuntimeError as error:  # a container's user whom its system doesn't know
+        raise OSError(
+            f"this user ({os.getuid()}) has no home folder; set HOME to a folder"
+        ) from error
 
 
 @contextmanager
@@ -24,32 +39,38 @@ def atomic_path(path) -> Iterator[Path]:
     an earlier `path` stays as it was.
     """
     path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OSError(
-            f"cannot create the folder {path.parent} ({error.strerror}); make its place writable, "
-            "or choose another: --out for results, RLIHF_CACHE for recordings"
-        ) from error
+    make_folder(path.parent)
     # The suffix stays last because libraries choose the format by it.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
         yield temporary
         os.replace(temporary, path)
     except OSError as error:
+        # NumPy, which tells how many bytes it wrote, has no strerror.
         raise OSError(
-            error.errno, f"cannot write {path} ({error.strerror}); is the disk full or read-only?"
+            f"cannot write {path} ({error.strerror or error}); is the disk full or read-only?"
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder and those above it; an OSError says if that cannot be done, and a remedy."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(
+            f"cannot create the folder {folder} ({error.strerror}); make its place writable, "
+            "or choose another: --out for results, RLIHF_CACHE for recordings"
+        ) from error
 
 
 @contextmanager
 def locked(path, say=lambda owner: None) -> Iterator[IO[str]]:
     """Hold the lock of a file, which is made; `say` gets what its owner wrote, if one waits."""
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # The system lets go of the lock when its owner dies, however it does.
+    make_folder(path.parent)
+    # The system lets go of the lock when its owner dies, however it does: no lock grows stale.
     with path.open("a+", encoding="utf-8") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -57,6 +78,11 @@ def locked(path, say=lambda owner: None) -> Iterator[IO[str]]:
             lock.seek(0)
             say(lock.read())
             fcntl.flock(lock, fcntl.LOCK_EX)
+        except OSError as error:
+            raise OSError(
+                f"cannot lock {path} ({error.strerror}), as some network shares can't; choose a "
+                "folder of this machine"
+            ) from error
         yield lock
 
 
@@ -120,20 +146,22 @@ def write_sums(folder, names) -> None:
 def check_sums(folder, may_lack=()) -> bool:
     """Tell whether a folder has `SUMS`; a ValueError names a file that isn't what they say.
 
-    Files that the folder `may_lack` need not be there.
+    Files that the folder `may_lack` need not be there; no table, JSON or weights may be in it that
+    `SUMS` does not name.
     """
     folder = Path(folder)
     try:
-        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+        lines = (folder / SUMS).read_text(encoding="utf-8", errors="replace").splitlines()
     except FileNotFoundError:
         return False
-    for line in lines:
-        digest, _, name = line.partition("  ")
+    known = {name or SUMS: digest for digest, _, name in (line.partition("  ") for line in lines)}
+    results = (path.name for path in folder.glob("[!.]*") if path.suffix in RESULTS)
+    for name in (*known, *sorted(results)):
         path = folder / name
         there = path.is_file()
-        if (there and sha256(path) != digest) or not (there or name in may_lack):
+        if (there and sha256(path) != known.get(name)) or not (there or name in may_lack):
             raise ValueError(
                 f"{path} is {'not what was written' if there else 'gone'} (its hash is in {SUMS} "
                 f"beside it); restore it, or delete the folder {folder} to compute it anew"
             )
-    return True
+    return bool(known)

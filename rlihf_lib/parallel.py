@@ -1,10 +1,14 @@
 """Work spread over processes of this machine, which end at once when it is stopped or killed."""
 
+import contextlib
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import active_children, connection, get_context, parent_process
+
+ATTEMPTS = 3
 
 
 def in_processes(
@@ -12,18 +16,34 @@ def in_processes(
 ) -> Iterator:
     """Give what `run(*job)` returns, in the order in which jobs finish.
 
-    In `workers` processes, each begun by `initializer`; of one worker or none: here.
+    In `workers` processes, each begun by `initializer`; of one worker or none: here. If a process
+    dies, what is left is tried twice more, then a RuntimeError says so.
     """
     if workers <= 1:
         yield from (run(*job) for job in jobs)
         return
+    left = dict(enumerate(jobs))
+    for _ in range(ATTEMPTS):
+        with contextlib.suppress(BrokenProcessPool):
+            for number, result in _in_pool(run, dict(left), workers, initializer):
+                del left[number]
+                yield result
+            return
+    raise RuntimeError(
+        f"{ATTEMPTS} times a process died at work, killed or for want of memory; try again with "
+        f"fewer --workers than {workers}"
+    )
+
+
+def _in_pool(run, jobs, workers, initializer):
+    """Number of each job, as it finishes, and its result."""
     # Spawned, because a forked process inherits the locks of PyTorch's and MNE's threads.
     others = set(active_children())
     with ProcessPoolExecutor(workers, get_context("spawn"), _begin, (initializer,)) as executor:
         try:
-            futures = [executor.submit(run, *job) for job in jobs]
+            futures = {executor.submit(run, *job): number for number, job in jobs.items()}
             for future in as_completed(futures):
-                yield future.result()
+                yield futures[future], future.result()
         except BaseException:  # stopped, too: jobs that have begun would take their time
             for worker in set(active_children()) - others:
                 worker.terminate()

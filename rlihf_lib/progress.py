@@ -1,5 +1,6 @@
 """How far long work is: a bar by tqdm, and a file for the command line that runs the notebook."""
 
+import contextlib
 import io
 import os
 import threading
@@ -74,7 +75,8 @@ class Progress:
         self._bar.set_postfix_str(" · ".join(running[:MOST_NAMED]), refresh=False)
         self._bar.refresh()
         if self._path:
-            write_text(self._path, str(self._bar))
+            with contextlib.suppress(OSError):  # a full disk here costs no work
+                write_text(self._path, str(self._bar))
 
 
 def read(path: Path) -> str:

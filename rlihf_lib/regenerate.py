@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rlihf_lib import progress
-from rlihf_lib.files import one_at_a_time, write_text
+from rlihf_lib.files import cache_dir, one_at_a_time, write_text
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.study import REPOSITORY, Study
 
@@ -70,12 +70,18 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
     """Execute steps and keep the executed copies in `study.notebooks`.
 
     On `workers` processes, 0 = one per core; notebooks that only draw are executed side by side.
-    Before anything is computed, an OSError says if the output folders cannot be written to or
-    p(error) is neither there nor made, a ValueError if a notebook lacks a parameter; then a
-    NotebookError if a cell raises.
+    Before anything is computed, an OSError says if a folder cannot be written to (results, cache,
+    temporary files) or p(error) is neither there nor made, a ValueError if a notebook lacks a
+    parameter or a folder has too few people; then a NotebookError if a cell raises.
     """
-    _check_writable(study)
     names = {step.notebook for step in steps}
+    _check_writable(study)
+    if study.is_folder and "02_loso_decoder" in names and len(people := study.subjects()) < 3:
+        raise ValueError(
+            f"{study.eeg} holds recordings of {len(people)} ({', '.join(people)}), decoders need "
+            "three people, one each to train, validate and test; add some, or look at what is "
+            "there with --only 01"
+        )
     if names.difference(FROM_EEG) and "02_loso_decoder" not in names:
         study.p_error()  # which policies need; not after hours of those that don't
     jobs = []
@@ -217,7 +223,10 @@ def _shown(title, bars):
                     shown = text
 
         watcher = threading.Thread(target=watch, daemon=True)
-        os.environ[progress.VARIABLE] = str(path)  # the kernel's, too
+        before = dict(os.environ)
+        # The kernel's, too, which heeds and leaves nothing in the reader's home folder.
+        os.environ |= {progress.VARIABLE: str(path), "IPYTHONDIR": folder}
+        os.environ["MPLCONFIGDIR"] = str(cache_dir() / "matplotlib")
         say("started")
         watcher.start()
         try:
@@ -226,16 +235,21 @@ def _shown(title, bars):
         finally:
             left.set()
             watcher.join()
-            del os.environ[progress.VARIABLE]
+            os.environ.clear()
+            os.environ |= before
 
 
 def _check_writable(study):
-    """Fail before any work if the output cannot be written."""
-    for folder in (study.results, study.figures, study.notebooks):
+    """Fail before any work if what it needs cannot be written."""
+    folders = dict.fromkeys((study.results, study.figures, study.notebooks), "--out")
+    folders |= {cache_dir(): "RLIHF_CACHE", Path(tempfile.gettempdir()): "TMPDIR"}
+    for folder, variable in folders.items():
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
+            with tempfile.TemporaryFile(dir=folder) as probe:
+                probe.write(b"a disk may be full")
         except OSError as error:
             raise OSError(
-                f"cannot write to {folder} ({error.strerror}); choose another folder with --out"
+                f"cannot write to {folder} ({error.strerror}); make room there, or choose another "
+                f"folder with {variable}"
             ) from error

@@ -11,6 +11,7 @@ from rlihf_lib.profiles import PROFILES
 from rlihf_lib.rl.feedback import (
     COLUMNS,
     IDEAL,
+    NOT_DECODED,
     adopt_table,
     controls_of,
     p_error_sha256,
@@ -124,8 +125,11 @@ class Study:
     def _read_decoded(self, name, columns):
         if self.is_table:
             adopt_table(Path(self.eeg), self.decoder)
-        check_sums(self.decoder)
-        return read_table(self.decoder / name, columns)
+        path = self.decoder / name
+        # Sums come last: without them, one table may be of these people and another of others.
+        if not check_sums(self.decoder):
+            raise FileNotFoundError(f"{path} does not exist yet; {NOT_DECODED}")
+        return read_table(path, columns)
 
     def ranked_subjects(self) -> list[str]:
         """List the decoded subjects by the AUROC of their held-out epochs, weakest first."""
@@ -217,7 +221,7 @@ class Study:
 
         folds = len(list((self.decoder / "folds").glob("*/")))
         n_people = N_PEOPLE
-        if self.is_table or (self.decoder / "p_error.csv").is_file():
+        if self.is_table or check_sums(self.decoder):
             folds, missing = self.p_error()["subject"].nunique(), 0
         else:
             n_people = len(self.subjects()) if self.is_folder else N_PEOPLE

@@ -1,5 +1,7 @@
 """Files and folders that survive kills, full disks and two commands at once."""
 
+import errno
+import fcntl
 import os
 import signal
 import subprocess
@@ -96,6 +98,33 @@ def test_sums_name_what_has_changed_and_what_is_gone(tmp_path):
     (tmp_path / "a").write_text("c")
     with pytest.raises(ValueError, match="a is not what was written"):
         check_sums(tmp_path, may_lack=["a"])
+
+
+@pytest.mark.parametrize("left", ["", "\n", "\0\xff", "0" * 30])
+def test_sums_that_were_cut_or_a_table_they_do_not_name_are_not_believed(left, tmp_path):
+    for name in ("config.json", "eval.csv"):
+        (tmp_path / name).write_text(name)
+    write_sums(tmp_path, ["config.json"])
+    with pytest.raises(ValueError, match=r"eval.csv is not what was written"):
+        check_sums(tmp_path)
+    (tmp_path / "SHA256SUMS").write_text(left, encoding="latin-1")
+    with pytest.raises(ValueError, match=f"{tmp_path}.* is not what was written"):
+        check_sums(tmp_path)
+
+
+def test_a_place_that_cannot_be_locked_or_made_is_named(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match=r"cannot create the folder .*file/runs .*; make its place"):
+        with one_at_a_time(tmp_path / "file" / "runs"):
+            pass
+
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(OSError, match=r"cannot lock .*\.lock \(No locks available\), as some"):
+        with one_at_a_time(tmp_path / "runs"):
+            pass
 
 
 def test_entries_made_at_once_are_all_kept(tmp_path):

@@ -81,7 +81,9 @@ def test_of_a_table_of_p_error_what_reads_eeg_is_left_out(tmp_path):
         select(["2"], study)
 
 
-def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(tmp_path, monkeypatch):
+def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(
+    tmp_path, monkeypatch, capsys
+):
     given = {}
     monkeypatch.setattr(
         regenerate,
@@ -89,9 +91,14 @@ def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(tmp_pa
         lambda path, _, parameters, bars: given.update({path.stem: parameters}),
     )
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "sub-01_epo.fif").write_bytes(b"")
+    for who in ("01", "02"):
+        (tmp_path / "mine" / f"sub-{who}_epo.fif").write_text(who)
     where = ["--eeg", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
     options = ["--events", "hit", "miss", "--drop-channels", "label", "STI 014"]
+    assert main([*where, *options]) == 1 and not given
+    said = capsys.readouterr().err
+    assert "mine holds recordings of 2 (01, 02), decoders need three people" in said
+    (tmp_path / "mine" / "sub-03_epo.fif").write_text("03")
     assert main([*where, *options, "--only", "01", "02", "04"]) == 0
     dropped = {name: parameters.get("drop_channels") for name, parameters in given.items()}
     assert dropped == {

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from rlihf_lib.__main__ import main
+from rlihf_lib.files import write_sums
 from rlihf_lib.rl.feedback import p_error_sha256
 from rlihf_lib.study import PROFILES, REPOSITORY, STAGES, Study
 
@@ -18,7 +19,12 @@ def write_decoder(study, aurocs):
     )
     rows = [(who, epoch, epoch % 2, 0.5 + 0.01 * epoch) for who in subjects for epoch in range(8)]
     columns = ["subject", "epoch", "label", "p_error"]
-    pd.DataFrame(rows, columns=columns).to_csv(study.decoder / "p_error.csv", index=False)
+    write_table(study, pd.DataFrame(rows, columns=columns))
+
+
+def write_table(study, p_error):
+    p_error.to_csv(study.decoder / "p_error.csv", index=False)
+    write_sums(study.decoder, ["p_error.csv", "scores.csv"])
 
 
 def of_epochs(folder):
@@ -120,7 +126,7 @@ def test_changed_feedback_changes_the_run(tmp_path):
     (before,) = study.run_configs("rlihf")
     table = study.p_error()
     table.loc[table["subject"] == before.subject, "p_error"] = 0.25
-    table.to_csv(study.decoder / "p_error.csv", index=False)
+    write_table(study, table)
     (after,) = study.run_configs("rlihf")
     assert before.run_id == after.run_id and before.hash != after.hash
     with pytest.raises(ValueError, match=r"subject 's99' is not in the p\(error\) table"):
@@ -130,16 +136,29 @@ def test_changed_feedback_changes_the_run(tmp_path):
 def test_a_table_with_an_impossible_probability_is_refused(tmp_path):
     study = Study("smoke", out=tmp_path)
     write_decoder(study, [0.9, 0.7, 0.8])
-    path = study.decoder / "p_error.csv"
-    path.write_text(path.read_text().replace("0.5", "1.5", 1))
+    table = study.p_error()
+    write_table(study, table.replace({"p_error": {0.5: 1.5}}))
     with pytest.raises(ValueError, match=r"p_error.csv, line 2: p_error is 1.5"):
         study.p_error()
-    path.write_text("subject,epoch\ns02,0\n")
+    write_table(study, table[["subject", "epoch"]])
     with pytest.raises(ValueError, match="lacks the column"):
         study.p_error()
-    path.unlink()
+
+
+def test_decoding_that_was_interrupted_or_edited_is_not_believed(tmp_path):
+    study = Study("smoke", out=tmp_path)
+    write_decoder(study, [0.9, 0.7, 0.8])
+    assert study.status()["done"][0] == 3
+    path = study.decoder / "p_error.csv"
+    path.write_text(path.read_text().replace("0.5", "0.6", 1))
+    for read in (study.p_error, study.scores, study.status):
+        with pytest.raises(ValueError, match=r"p_error.csv is not what was written"):
+            read()
+    # Killed between two tables: each is whole, but they may be of different people.
+    (study.decoder / "SHA256SUMS").unlink()
     with pytest.raises(FileNotFoundError, match="run notebook 02"):
         study.run_configs("rlihf")
+    assert study.status()["missing"][0] == 3
 
 
 def test_a_reader_leaves_what_is_shipped_as_it_is(tmp_path):

@@ -1,12 +1,17 @@
 """Continuous EEGLAB recordings, read strictly: the built-in sources come as such files."""
 
+import contextlib
 import re
+import struct
+import zlib
 from pathlib import Path
 
 import mne
 
 from rlihf_lib.eeg.channels import set_positions
-from rlihf_lib.eeg.quality import refuse_nan
+from rlihf_lib.eeg.quality import refuse_nan, refuse_vast
+
+_COMPRESSED = 15  # MATLAB's type of a part that is packed by zlib
 
 
 def read_eeglab(path) -> mne.io.RawArray:
@@ -19,6 +24,7 @@ def read_eeglab(path) -> mne.io.RawArray:
     ValueError if one is truncated, not EEGLAB's, epoched, holds NaN, or repeats an EEG channel.
     """
     path = Path(path)
+    refuse_vast(unpacked_size(path), path)
     try:
         recorded = mne.io.read_raw_eeglab(path, verbose="warning")
     except FileNotFoundError:
@@ -39,6 +45,23 @@ def read_eeglab(path) -> mne.io.RawArray:
     events = recorded.annotations
     raw.set_annotations(mne.Annotations(events.onset, 0, list(map(_marker, events.description))))
     return raw
+
+
+def unpacked_size(path) -> int:
+    """Bytes of a MATLAB file with its compressed parts unpacked, by what they say of themselves."""
+    total = 0
+    with Path(path).open("rb") as file:
+        order = ">" if file.read(128)[126:] == b"MI" else "<"
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}2I", tag)
+            end = file.tell() + size
+            if kind == _COMPRESSED:
+                with contextlib.suppress(zlib.error, struct.error):  # damaged, as MNE will say
+                    inner = zlib.decompressobj().decompress(file.read(min(size, 1024)), 8)
+                    size = struct.unpack(f"{order}2I", inner)[1]
+            total += size
+            file.seek(end)
+    return total
 
 
 def require_whole(raw) -> None:

@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 
 from rlihf_lib.eeg.channels import refuse_unlocated, set_positions
-from rlihf_lib.eeg.eeglab import require_whole
-from rlihf_lib.eeg.quality import interpolate, refuse_nan
+from rlihf_lib.eeg.eeglab import require_whole, unpacked_size
+from rlihf_lib.eeg.quality import interpolate, refuse_nan, refuse_vast
 
 #: Of the channels that are read from a folder; EOG is decoded only to see what the eyes tell.
 TYPES = ("eeg", "eog")
 EVENT_ID = {"correct": 1, "error": 2}
-MIN_SFREQ = 50.0  # Hz; error potentials need a fifth of it
+MIN_SFREQ, MAX_SFREQ = 50.0, 50e3  # Hz; error potentials need a fifth of the least
 #: MNE's type of each in channels.tsv of BIDS; all others are "misc".
 _OF_BIDS = {"EEG": "eeg", "EOG": "eog", "VEOG": "eog", "HEOG": "eog", "ECG": "ecg", "EMG": "emg",
             "TRIG": "stim"}  # fmt: skip
@@ -37,7 +37,7 @@ class Header:
 
 
 def header(recording) -> Header:
-    """Header of a file; a ValueError says if it has no EEG channel or is sampled too slowly."""
+    """Header of a file; a ValueError says if it has no EEG channel or its rate can't be."""
     stamps = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in recording.files)
     return _header(recording, stamps)
 
@@ -46,8 +46,10 @@ def open_recording(recording) -> mne.io.BaseRaw | mne.BaseEpochs:
     """Open a file, with types and bad channels of its channels.tsv; signals are read later.
 
     Projectors are not applied. A FileNotFoundError says if a part is missing, a ValueError if it
-    cannot be read.
+    cannot be read or is too large.
     """
+    if recording.format == ".set":  # opening one reads it
+        refuse_vast(unpacked_size(recording.path), recording.path)
     with _reading(recording):
         instance = _open(recording.path, recording.format, recording.has_epochs)
     if ".fif" not in recording.format:
@@ -161,12 +163,14 @@ def _header(recording, stamps):
         raise ValueError(
             f"{path} has no EEG channel, it has {there}; set the channels' types in the file"
         )
-    if info["sfreq"] < MIN_SFREQ:
+    if not MIN_SFREQ <= info["sfreq"] <= MAX_SFREQ:
         raise ValueError(
-            f"{path} is sampled at {info['sfreq']:g} Hz; at least {MIN_SFREQ:g} Hz are needed, so "
-            "export it at a higher rate"
+            f"{path} is sampled at {info['sfreq']:g} Hz; at least {MIN_SFREQ:g} Hz are needed, at "
+            f"most {MAX_SFREQ:g} believed, so export it at another rate"
         )
     epoched = isinstance(opened, mne.BaseEpochs)
+    n_times = len(opened.times) * (len(opened.events) if epoched else 1)
+    refuse_vast(n_times * len(types) * np.dtype(float).itemsize, path)
     return Header(
         sfreq=info["sfreq"],
         types=types,

@@ -8,6 +8,7 @@ Of its two scenarios, `cursor` is used: the paper names none, but reports accura
 which `cursor` gives across subjects; `robot` gave 69.0 +- 7.9 % even within subjects.
 """
 
+import errno
 import hashlib
 import os
 from importlib.resources import files
@@ -15,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import platformdirs
 import pooch
 import requests
+
+from rlihf_lib.files import cache_dir, make_folder
 
 #: Subjects of the study, as its files name them.
 SUBJECTS = tuple(f"s{number:02d}" for number in range(2, 14))
@@ -50,11 +52,6 @@ URL = f"https://raw.githubusercontent.com/stefan-ehrlich/dataset-ErrP-HRI/{COMMI
 ATTEMPTS = 3
 TIMEOUT = 30  # s without an answer
 RANGE_NOT_SATISFIABLE = 416  # the partial file is as long as the whole already
-
-
-def cache_dir() -> Path:
-    """Folder for recordings and epochs: ``RLIHF_CACHE``, by default ``~/.cache/rlihf`` on Linux."""
-    return Path(os.environ.get("RLIHF_CACHE") or platformdirs.user_cache_dir("rlihf"))
 
 
 def blob_ids() -> dict[str, str]:
@@ -127,7 +124,7 @@ def _download(url, target, blob):
         f"Without this download: place {target.name}, from {url} or from a clone of "
         f"https://github.com/stefan-ehrlich/dataset-ErrP-HRI, at {target}"
     )
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     partial = target.with_name(target.name + ".partial")
     pooch.get_logger().info("Downloading %s", url)
     for attempt in range(1, ATTEMPTS + 1):
@@ -141,6 +138,11 @@ def _download(url, target, blob):
             if getattr(problem.response, "status_code", None) != RANGE_NOT_SATISFIABLE:
                 raise OSError(f"{url}: {problem}. {by_hand}") from problem
         except (requests.RequestException, OSError) as problem:
+            if problem.errno == errno.ENOSPC:
+                raise OSError(
+                    f"cannot write {partial}: the disk is full; make room, or set RLIHF_CACHE to "
+                    "another folder. What has arrived is kept"
+                ) from problem
             if attempt < ATTEMPTS:
                 continue
             kept = "no data"

@@ -1,5 +1,7 @@
 """What a folder of one's own EEG holds and what becomes of it, for `--list` and notebooks."""
 
+from pathlib import Path
+
 import pandas as pd
 
 from rlihf_lib.eeg import channels, folders, formats, own, recordings
@@ -16,6 +18,10 @@ def notes(eeg, drop=()) -> list[str]:
         return []
     held, (_, ignored) = own.headers(eeg), folders.find(eeg)
     lines = [f"ignored: {reason}" for reason in folders.reasons(eeg, ignored)]
+    inside = Path(eeg).resolve()
+    out = [f.name for r in held for f in r.files if not f.resolve().is_relative_to(inside)]
+    if out:
+        lines.append(f"links that lead out of the folder, followed: {few(out)}")
     kept = own.common_channels(held, drop)
     lines += [f"left out: {' '.join(names)} ({why})" for why, names in _left_out(held, kept, drop)]
     for recording, header in held.items():

@@ -13,7 +13,7 @@ import pandas as pd
 from rlihf_lib.eeg import hri, own, quality, recordings
 from rlihf_lib.eeg.formats import labelled_epochs
 from rlihf_lib.eeg.streaming import ARTEFACT, CausalFilter
-from rlihf_lib.files import atomic_path, canonical_json, sha256, write_csv
+from rlihf_lib.files import atomic_path, cache_dir, canonical_json, sha256, write_csv
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
 
@@ -107,7 +107,7 @@ def load_epochs(eeg, subject, settings=Preprocessing()) -> mne.BaseEpochs:
 
     Notes
     -----
-    Epochs of recordings are cached in `hri.cache_dir`, by the content of the recording and the
+    Epochs of recordings are cached in `files.cache_dir`, by the content of the recording and the
     settings. Epochs of a folder of epochs keep their windows, none is dropped, and they are never
     resampled upwards. They are filtered only if they are at least three times as long as the
     filter: a second filtering of short epochs smears their edges into the response.
@@ -247,7 +247,7 @@ def _cache(eeg, subject, settings):
         del used["phase"]  # as it was before there were others
     content = recordings.content(eeg, subject, settings.drop_channels)
     key = sha256(canonical_json([_VERSION, str(eeg), subject, content, used]))[:16]
-    return hri.cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
+    return cache_dir() / "epochs" / f"{subject}-{key}-epo.fif"
 
 
 def _cut_files(eeg, subject, settings):

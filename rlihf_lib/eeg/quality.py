@@ -6,6 +6,7 @@ stays below the limit of artefacts and comes with one class only is found by wha
 (`channels.refuse_leaks`); with both, nothing tells it from EEG.
 """
 
+import os
 import warnings
 
 import numpy as np
@@ -20,6 +21,16 @@ MIN_EPOCHS = 5  # of each class
 ARTEFACTS = 1 / 2
 MAX_BADS = 1 / 3  # of the channels; the others hardly know what those would have measured
 _REMEDY = "leave it out with --drop-channels {names}, or mark it bad in the file to interpolate it"
+
+
+def refuse_vast(n_bytes, path) -> None:
+    """Refuse what this computer's memory cannot hold twice, before it is read."""
+    most = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2
+    if n_bytes > most:
+        raise ValueError(
+            f"{path} says that it holds {n_bytes / 2**30:,.1f} GiB, more than half of this "
+            f"computer's memory ({most / 2**30:.1f} GiB); cut it into runs, or export it anew"
+        )
 
 
 def refuse_nan(values, names, sfreq, path) -> None:

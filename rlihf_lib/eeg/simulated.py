@@ -15,7 +15,7 @@ import scipy.io
 
 from rlihf_lib.eeg import head, hri
 from rlihf_lib.eeg.hri import CHANNELS, SFREQ, SUBJECTS
-from rlihf_lib.files import atomic_path, canonical_json, sha256
+from rlihf_lib.files import atomic_path, cache_dir, canonical_json, sha256
 
 _VERSION = 1  # raise when the model changes in anything but its parameters
 _HEADER = 116  # bytes of text at the start of a MATLAB file
@@ -154,7 +154,7 @@ def recording(subject, model=MODEL) -> Path:
 def place(subject, model=MODEL) -> Path:
     """Where a subject's `.set` lies, or will lie."""
     key = sha256(canonical_json([_VERSION, asdict(model)]))[:12]
-    return hri.cache_dir() / f"simulated-{key}" / f"{subject}_cursor.set"
+    return cache_dir() / f"simulated-{key}" / f"{subject}_cursor.set"
 
 
 def simulate(subject, model=MODEL) -> tuple[np.ndarray, list[tuple[float, str]]]:

@@ -17,6 +17,7 @@ from rlihf_lib.eeg.scores import accuracy, auroc, balanced_accuracy
 from rlihf_lib.files import sha256, write_csv, write_sums
 
 COLUMNS = ("subject", "epoch", "label", "p_error")
+NOT_DECODED = "run notebook 02_loso_decoder first (--only 02)"
 IDEAL, MEAN, SHUFFLED = CONTROLS = ("ideal", "mean", "shuffled")
 
 
@@ -74,9 +75,7 @@ def read_table(path: Path, columns=COLUMNS) -> pd.DataFrame:
     both classes.
     """
     if not path.is_file():
-        raise FileNotFoundError(
-            f"{path} does not exist yet; run notebook 02_loso_decoder first (--only 02)"
-        )
+        raise FileNotFoundError(f"{path} does not exist yet; {NOT_DECODED}")
     try:
         # Shortest-representation floats come back bit by bit only from the round-trip parser.
         table = pd.read_csv(

@@ -1,10 +1,15 @@
 """Files of every format that MNE reads for us: signals in volts, events by name, bad channels."""
 
+import os
+import re
+import zlib
+
 import mne
 import numpy as np
 import pytest
 
 from rlihf_lib.eeg import formats, overview
+from rlihf_lib.eeg.eeglab import read_eeglab
 from rlihf_lib.eeg.folders import find
 from rlihf_lib.eeg.preprocessing import Preprocessing, load_continuous, load_epochs, load_events
 from tests.eeg import writers
@@ -273,10 +278,11 @@ def test_a_file_without_eeg_is_named_with_what_it_has(folder, planted, kind, sai
         load_epochs(folder, "01", NAMED)
 
 
-def test_a_slow_recording_is_refused(folder, planted):
+@pytest.mark.parametrize("sfreq", ["20", "1e+09"])
+def test_a_rate_too_low_or_past_belief_is_refused(folder, planted, sfreq):
     signal, events = planted
-    writers.fif(folder / "sub-01_eeg.fif", signal, events, sfreq=20)
-    with pytest.raises(ValueError, match=r"sub-01_eeg\.fif is sampled at 20 Hz; at least 50 Hz"):
+    writers.fif(folder / "sub-01_eeg.fif", signal, events, sfreq=float(sfreq))
+    with pytest.raises(ValueError, match=rf"{re.escape(sfreq)} Hz; at least 50 Hz are needed, at"):
         load_epochs(folder, "01", NAMED)
 
 
@@ -304,3 +310,33 @@ def test_names_of_edf_may_begin_with_their_type(folder, planted):
     names = [f"EEG {name}" for name in writers.NAMES]
     writers.edf(folder / "sub-01_eeg.edf", signal, numbered(events), names)
     assert load_epochs(folder, "01", NUMBERED).ch_names == list(writers.NAMES)
+
+
+def pack(path, n_bytes, kind=b"IM"):
+    """A MATLAB file of a few bytes, one part of which says that it unpacks to so many."""
+    order = "little" if kind == b"IM" else "big"
+    packed = zlib.compress((14).to_bytes(4, order) + n_bytes.to_bytes(4, order) + bytes(1000))
+    tag = (15).to_bytes(4, order) + len(packed).to_bytes(4, order)
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1" + kind + 20 * (tag + packed))
+
+
+@pytest.mark.parametrize("kind", [b"IM", b"MI"])
+def test_a_file_that_unpacks_to_more_than_memory_is_refused_unread(kind, folder, monkeypatch):
+    pack(folder / "sub-01_eeg.set", 2**32 - 1, kind)
+    monkeypatch.setattr(os, "sysconf", lambda name: 2**15)  # 1 GiB
+    monkeypatch.setattr(mne.io, "read_raw", lambda *_, **__: pytest.fail("it was read"))
+    monkeypatch.setattr(mne.io, "read_raw_eeglab", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(ValueError, match=r"sub-01_eeg\.set says that it holds 80\.0 GiB"):
+        load_epochs(folder, "01", NAMED)
+    with pytest.raises(ValueError, match=r"sub-01_eeg\.set says that it holds 80\.0 GiB"):
+        read_eeglab(folder / "sub-01_eeg.set")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_signals_that_memory_cannot_hold_are_refused(name, folder, planted, monkeypatch):
+    signal, events = planted
+    write, digits = FORMATS[name]
+    write(folder / name, signal, numbered(events) if digits else events)
+    monkeypatch.setattr(os, "sysconf", lambda name: 2**9)
+    with pytest.raises(ValueError, match=rf"{name} says that it holds 0.0 GiB, more than half"):
+        load_epochs(folder, "01", NAMED)

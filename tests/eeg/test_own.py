@@ -200,6 +200,21 @@ def test_a_damaged_epochs_file_is_named(tmp_path):
         load_epochs(tmp_path, "01", SETTINGS)
 
 
+@pytest.mark.parametrize("what", ["sub-02_epo.fif", "sub-02"])
+def test_a_link_out_of_the_folder_is_told(tmp_path, what):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "theirs" / "sub-02").mkdir(parents=True)
+    write(tmp_path / "mine", "sub-01_epo.fif")
+    (tmp_path / "mine" / "sub-01_epo.fif").rename(tmp_path / "mine" / "stored.txt")
+    (tmp_path / "mine" / "sub-01_epo.fif").symlink_to("stored.txt")
+    assert overview.notes(tmp_path / "mine") == [], "a link within it"
+    write(tmp_path / "theirs" / ("sub-02" if what == "sub-02" else ""), "sub-02_epo.fif")
+    (tmp_path / "mine" / what).symlink_to(tmp_path / "theirs" / what)
+    assert overview.notes(tmp_path / "mine") == [
+        "links that lead out of the folder, followed: sub-02_epo.fif"
+    ]
+
+
 def test_all_that_is_found_is_told(tmp_path):
     names = {"hit": 1, "miss": 2, "rest": 3}
     write(tmp_path, "sub-01_ses-1_epo.fif", labels=(0, 1, 2, 0) * 5, events=names)

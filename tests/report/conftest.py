@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rlihf_lib.files import write_sums
 from rlihf_lib.report.evaluations import derive, group_of
 from rlihf_lib.report.style import use_style
 from rlihf_lib.rl.feedback import person_and_control
@@ -46,6 +47,7 @@ def study(tmp_path):
     table = pd.DataFrame({"subject": people, "epoch": [0, 1] * 3, "label": [1, 0] * 3})
     table["p_error"] = 0.6
     table.to_csv(study.decoder / "p_error.csv", index=False)
+    write_sums(study.decoder, ["p_error.csv", "scores.csv"])
     for stage in ("sparse", "dense", "ablation"):
         for config in study.run_configs(stage):
             rows = [

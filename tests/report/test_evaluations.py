@@ -100,8 +100,10 @@ def test_windows_of_training_in_which_no_episode_ended_are_empty_not_broken(stud
     path = study.runs / "dense-seed0" / "train.csv"
     windows = pd.DataFrame({"step": [1000, 2000, 3000], "episodes": [0, 1, 2]})
     windows.assign(**{"return": [np.nan, 3, 4], "success": [np.nan, 0, 1]}).to_csv(path)
+    write_sums(path.parent, ["config.json", "eval.csv", "train.csv"])
     training = load_training(study, ["dense"])
     assert training["return"].tolist()[1:] == [3, 4] and training["group"].unique() == ["dense"]
     windows.assign(**{"return": [1, np.nan, 4], "success": 0}).to_csv(path)
+    write_sums(path.parent, ["config.json", "eval.csv", "train.csv"])
     with pytest.raises(ValueError, match=r"dense-seed0/train.csv, line 3"):
         load_training(study, ["dense"])
