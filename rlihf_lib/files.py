@@ -48,7 +48,8 @@ def atomic_path(path) -> Iterator[Path]:
     except OSError as error:
         # NumPy, which tells how many bytes it wrote, has no strerror.
         raise OSError(
-            f"cannot write {path} ({error.strerror or error}); is the disk full or read-only?"
+            f"cannot write {path} ({error.strerror or error}); is the disk full or read-only? Make "
+            "room, or choose another folder: --out for results, RLIHF_CACHE for recordings"
         ) from error
     finally:
         temporary.unlink(missing_ok=True)

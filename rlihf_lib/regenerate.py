@@ -42,6 +42,10 @@ STEPS = (
 FROM_EEG = ("01_dataset_preprocessing", "02_loso_decoder")
 #: Notebooks that read epochs: they need to know how events are named, and what to leave out.
 READ_EPOCHS = (*FROM_EEG, "03_policy_training")
+#: Variable and folder of what libraries would else keep at home or beside their code.
+CACHES = {
+    "MPLCONFIGDIR": "matplotlib", "NUMBA_CACHE_DIR": "numba", "MESA_SHADER_CACHE_DIR": "mesa",
+}  # fmt: skip
 
 
 class NotebookError(RuntimeError):
@@ -170,7 +174,7 @@ def execute(notebook: Path, output: Path, parameters, bars=True) -> None:
                 f"the kernel of notebook {notebook.name} died; was it killed for want of memory?\n"
                 f"  executed copy, as far as it came: {output}"
             ) from error
-    _write_plain(output)
+        _write_plain(output)
 
 
 def _write_plain(copy):
@@ -224,9 +228,9 @@ def _shown(title, bars):
 
         watcher = threading.Thread(target=watch, daemon=True)
         before = dict(os.environ)
-        # The kernel's, too, which heeds and leaves nothing in the reader's home folder.
+        # The kernel's, too, which so heeds and leaves nothing in the reader's home folder.
         os.environ |= {progress.VARIABLE: str(path), "IPYTHONDIR": folder}
-        os.environ["MPLCONFIGDIR"] = str(cache_dir() / "matplotlib")
+        os.environ |= {variable: str(cache_dir() / name) for variable, name in CACHES.items()}
         say("started")
         watcher.start()
         try:

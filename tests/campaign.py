@@ -28,7 +28,7 @@ GRACE = 10  # s
 LIMIT = 600  # s, after which work hangs
 
 
-def work(folder) -> None:
+def work(folder, workers=2) -> None:
     """Decode three people and train four policies, or what is left of it."""
     from rlihf_lib.eeg.fitting import DecoderSettings
     from rlihf_lib.eeg.loso import run_loso
@@ -39,7 +39,7 @@ def work(folder) -> None:
 
     people = {f"s{i:02d}": planted_epochs(i, n=30) for i in range(6)}
     settings = DecoderSettings(max_epochs=2, ensemble=2, n_permutations=20, batch_size=16)
-    run_loso(people, folder / "decoder", settings, workers=2)
+    run_loso(people, folder / "decoder", settings, workers)
     table = read_table(folder / "decoder" / "p_error.csv")
     sizes = {"total_steps": 300, "eval_every": 150, "horizon": 60, "eval_rollouts": 2}
     sac = SACSettings(learning_starts=200, batch_size=64)
@@ -49,7 +49,7 @@ def work(folder) -> None:
         for condition, told in (("dense", {}), ("rlihf", watched))
         for seed in (0, 1)
     ]
-    run_sweep(configs, folder / "runs", table, workers=2)
+    run_sweep(configs, folder / "runs", table, workers)
 
 
 def contents(folder) -> dict[str, bytes]:
@@ -62,11 +62,12 @@ def contents(folder) -> dict[str, bytes]:
     }  # fmt: skip
 
 
-def start(folder) -> subprocess.Popen:
+def start(folder, workers=2, **environment) -> subprocess.Popen:
     """Begin the work as a user does, in a process of its own."""
-    command = [sys.executable, "-m", "tests.campaign", "--work", str(folder)]
+    command = [sys.executable, "-m", "tests.campaign", "--work", str(folder), str(workers)]
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(command, start_new_session=True, **pipes)
+    environment = os.environ | environment
+    return subprocess.Popen(command, start_new_session=True, env=environment, **pipes)
 
 
 def finish(process) -> tuple[int, str]:
@@ -219,13 +220,13 @@ def main() -> None:
     command = argparse.ArgumentParser(prog="python -m tests.campaign", description=__doc__)
     command.add_argument("--minutes", type=float, default=20.0)
     command.add_argument("--seed", type=int, default=0)
-    command.add_argument("--work", type=Path, help=argparse.SUPPRESS)
+    command.add_argument("--work", nargs=2, help=argparse.SUPPRESS)
     options = command.parse_args()
     if options.work is None:
         print(campaign(options.minutes, seed=options.seed).to_string())
         return
     try:
-        work(options.work)
+        work(Path(options.work[0]), int(options.work[1]))
     except (OSError, ValueError, RuntimeError) as error:
         sys.exit(f"{error}")
 

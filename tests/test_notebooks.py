@@ -87,10 +87,32 @@ def smoke(tmp_path_factory):
     """All notebooks, from nothing, by the command a user types; takes minutes, so it runs once."""
     out = tmp_path_factory.mktemp("smoke")
     command = [sys.executable, "-m", "rlihf_lib", "--profile", "smoke", "--out", str(out)]
-    environment = {**os.environ, "RLIHF_CACHE": str(out / "cache")}
+    for name in ("home", "temporary"):
+        (out / name).mkdir()
+    places = {"RLIHF_CACHE": "cache", "HOME": "home", "TMPDIR": "temporary"}
+    environment = {**os.environ, **{key: str(out / name) for key, name in places.items()}}
+    before = held(REPOSITORY)
     result = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-4000:]
+    assert held(REPOSITORY) == before
     return Study("smoke", out=out), result
+
+
+def held(folder):
+    """Files of the repository that a study could overwrite, and when each was changed."""
+    places = (folder / name for name in ("rlihf_lib", "notebooks", "results", "figures"))
+    files = (path for place in places for path in place.rglob("*") if path.suffix != ".pyc")
+    return {path: path.stat().st_mtime_ns for path in files if path.is_file()}
+
+
+def test_nothing_is_written_outside_out_the_cache_and_temporary_files(smoke):
+    study, _ = smoke
+    assert not [*(study.out / "home").iterdir()]
+    left = {path.name.split("_")[0] for path in (study.out / "temporary").iterdir()}
+    assert left <= {"dask-scratch-space", "torchinductor"}, "theirs, and empty"
+    assert {path.name for path in study.out.iterdir()} == {
+        "results", "figures", "cache", "home", "temporary"
+    }  # fmt: skip
 
 
 def test_every_notebook_runs_in_smoke(smoke):

@@ -29,6 +29,12 @@ def test_counts_and_estimates_and_leaves_nothing_behind(told):
     assert not told.exists(), "a late report must not bring the file back"
 
 
+def test_where_it_cannot_be_told_the_work_goes_on(monkeypatch):
+    monkeypatch.setenv(progress.VARIABLE, "/proc/nowhere/progress")
+    with Progress(total=1, done=0, unit="runs") as work:
+        work.finished("a")
+
+
 def test_by_itself_a_bar_is_shown(capsys):
     with Progress(total=2, done=0, unit="folds") as work:
         work.finished("s02")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -204,6 +205,57 @@ def test_notebooks_that_only_draw_are_executed_side_by_side(notebook, tmp_path, 
     notebook(PARAMETERS, "1 / 0").rename(tmp_path / "05_whf_ablation.ipynb")
     with pytest.raises(NotebookError, match=r"05_whf_ablation.ipynb, cell In \[3\]"):
         regenerate.regenerate(study, select(["04", "05"], study), workers=2)
+
+
+def test_notebooks_in_somebodys_output_are_replaced_not_executed(notebook, tmp_path, monkeypatch):
+    study = Study("smoke", out=tmp_path / "theirs")
+    study.notebooks.mkdir(parents=True)
+    evil = notebook(PARAMETERS, "open('executed', 'w')")
+    for place in (study.notebooks, study.out / "notebooks", study.out):
+        place.mkdir(exist_ok=True)
+        shutil.copy(evil, place / "01_dataset_preprocessing.ipynb")
+    notebook(PARAMETERS, "n = 1").rename(tmp_path / "01_dataset_preprocessing.ipynb")
+    monkeypatch.setattr(regenerate, "NOTEBOOKS", tmp_path)
+    monkeypatch.chdir(study.out)
+    regenerate.regenerate(study, select(["01"], study), workers=1)
+    assert not list(tmp_path.rglob("executed"))
+    assert "n = 1" in (study.notebooks / "01_dataset_preprocessing.ipynb").read_text()
+
+
+def test_a_kernel_heeds_and_leaves_nothing_at_home(notebook, tmp_path, monkeypatch):
+    startup = tmp_path / "home/.ipython/profile_default/startup"
+    startup.mkdir(parents=True)
+    (startup / "mine.py").write_text("n = 2")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    before = {*(tmp_path / "home").rglob("*")}
+    path = notebook(
+        "m = 1", "import matplotlib.pyplot as plt; plt.figure(); assert 'n' not in dir()"
+    )
+    execute(path, tmp_path / "out.ipynb", {})
+    assert {*(tmp_path / "home").rglob("*")} == before and "MPLCONFIGDIR" not in os.environ
+    assert list((tmp_path / "cache/matplotlib").glob("fontlist*"))
+
+
+@pytest.mark.parametrize("variable", ["RLIHF_CACHE", "TMPDIR"])
+def test_places_that_cannot_be_written_are_named_before_any_work(
+    variable, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+    monkeypatch.setenv(variable, "/proc/rlihf")
+    # Python would look for another place, and then name them all.
+    monkeypatch.setattr("tempfile.gettempdir", lambda: os.environ.get("TMPDIR", str(tmp_path)))
+    assert main(["--profile", "smoke", "--out", str(tmp_path / "out"), "--only", "01"]) == 1
+    said = capsys.readouterr().err
+    assert "cannot write to /proc/rlihf" in said and f"another folder with {variable}" in said
+
+
+def test_a_user_without_a_home_is_told_to_give_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("os.getuid", lambda: 54_321)
+    for name in ("RLIHF_CACHE", "XDG_CACHE_HOME", "HOME"):
+        monkeypatch.delenv(name, raising=False)
+    assert main(["--profile", "smoke", "--out", str(tmp_path / "out"), "--only", "01"]) == 1
+    assert "has no home folder; set HOME to a folder" in capsys.readouterr().err
 
 
 def test_the_command_exits_1_on_an_error_in_a_notebook(notebook, tmp_path, monkeypatch, capsys):

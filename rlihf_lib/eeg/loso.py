@@ -2,6 +2,7 @@
 
 import json
 import os
+import warnings
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -31,6 +32,7 @@ from rlihf_lib.files import (
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
 
+SWAPPED = 0.25  # AUROC of a person below which the labels, not the brain, are to be doubted
 TABLES = ("p_error", "training", "scores")  # the last is what `run_loso` returns
 _FOLD = ("fold.json", *(f"{name}.csv" for name in TABLES))  # files of a finished fold
 _VERSION = 1  # raise when the method changes in anything but its settings
@@ -75,7 +77,8 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
     """Train one decoder per held-out subject, replay that subject through it, and score.
 
     A ValueError names the subject that cannot be decoded (channels, rates, NaN, classes), or the
-    channel that alone tells the classes apart (`channels.refuse_leaks`), and a remedy.
+    channel that alone tells the classes apart (`channels.refuse_leaks`), and a remedy. Who is
+    decoded the wrong way round is warned of by name.
 
     Parameters
     ----------
@@ -129,6 +132,12 @@ def _run_folds(cohort, folder, settings, workers, recompute):
     write_text(folder / "config.json", json.dumps(config, indent=1) + "\n")
     names = ["config.json", *(f"{name}.csv" for name in TABLES), *map(_weights, subjects)]
     write_sums(folder, names)
+    for _, row in merged[merged["auroc"] < SWAPPED].iterrows():
+        warnings.warn(
+            f"subject {row['subject']}: AUROC {row['auroc']:.2f}, as if the two events were "
+            "swapped; look at how the recording codes them",
+            stacklevel=3,
+        )
     return merged
 
 
@@ -233,6 +242,6 @@ def _is_done(folder, subject, key):
     target = folder / "folds" / subject
     if not (check_sums(target) and (folder / _weights(subject)).is_file()):
         return False
-    found = json.loads((target / "fold.json").read_text())
+    found = json.loads((target / "fold.json").read_text(encoding="utf-8"))
     same = [same_power(found["power"][person], power) for person, power in key["power"].items()]
     return found["hash"] == key["hash"] and all(same)

@@ -27,6 +27,8 @@ QUIET = {
     "distributed.admin.system-monitor.interval": "10s",
     # A laptop that slept for five minutes has not lost its workers.
     "distributed.scheduler.worker-ttl": None,
+    # A run whose worker dies is trained again, and once more.
+    "distributed.scheduler.allowed-failures": 2,
     # Nothing is served to browsers.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],

@@ -2,6 +2,7 @@
 
 import os
 import re
+import subprocess
 import zlib
 
 import mne
@@ -202,6 +203,39 @@ def test_a_later_change_is_not_served_from_the_cache(folder, planted):
     other = signal[:4]
     writers.fif(folder / "sub-02_eeg.fif", other, events, writers.NAMES[:4])
     assert load_epochs(folder, "01", NAMED).ch_names == first.ch_names[:4], "others decide, too"
+
+
+@pytest.fixture
+def full(tmp_path, monkeypatch):
+    """A cache on a disk of its own, and what gives it a size in pages of 4 KiB."""
+    disk = tmp_path / "full"
+    disk.mkdir()
+
+    def mount(pages, *options):
+        command = ["mount", "-t", "tmpfs", "-o", ",".join([f"size={4 * pages}k", *options])]
+        return subprocess.run([*command, "full", disk], stderr=subprocess.DEVNULL).returncode
+
+    if mount(1):
+        pytest.skip("only root may mount a small disk")
+    monkeypatch.setenv("RLIHF_CACHE", str(disk))
+    yield disk, lambda pages: mount(pages, "remount")
+    subprocess.run(["umount", disk], check=True)
+
+
+def test_a_full_cache_is_named_and_what_was_half_written_is_not_believed(
+    full, folder, planted, monkeypatch
+):
+    disk, resize = full
+    writers.fif(folder / "sub-01_eeg.fif", *planted)
+    for pages in (1, 8, 30):
+        resize(pages)
+        with pytest.raises(OSError, match=rf"cannot write {disk}/.* full .*, or .* RLIHF_CACHE"):
+            load_epochs(folder, "01", NAMED)
+        assert not [path for path in disk.rglob("*") if path.is_file()]
+    resize(10_000)
+    values = load_epochs(folder, "01", NAMED).get_data()
+    monkeypatch.setenv("RLIHF_CACHE", str(folder.parent / "other"))
+    np.testing.assert_array_equal(load_epochs(folder, "01", NAMED).get_data(), values)
 
 
 @pytest.mark.parametrize("name", ["sub-01_eeg.set", "sub-01_eeg.vhdr"])

@@ -65,6 +65,14 @@ def test_the_table_keeps_raw_and_temperature_scaled_p(finished):
         np.testing.assert_allclose(rows["p_error"], scaled, atol=1e-6)
 
 
+def test_a_person_whose_events_are_swapped_is_warned_of_by_name(dataset, tmp_path):
+    swapped = dataset["s03"].copy()
+    swapped.events[:, 2] = 3 - swapped.events[:, 2]
+    with pytest.warns(UserWarning, match=r"subject s03: AUROC 0\.\d+, as if the two events were"):
+        scores = loso.run_loso(dataset | {"s03": swapped}, tmp_path, SETTINGS, workers=1)
+    assert scores.set_index("subject")["auroc"].idxmin() == "s03"
+
+
 def test_pure_noise_is_not_decoded(make_epochs, tmp_path):
     noise = {s: make_epochs(10 + i, amplitude=0.0) for i, s in enumerate(SUBJECTS)}
     scores = loso.run_loso(noise, tmp_path, SETTINGS, workers=1)

@@ -9,6 +9,7 @@ import textwrap
 import threading
 import time
 
+import dask
 import pandas as pd
 import psutil
 import pytest
@@ -40,6 +41,8 @@ def train(config, p_error, progress):
         time.sleep(0.7)
     if config.seed == 3 and (control / "die-once").exists():
         (control / "die-once").unlink()
+        os.kill(os.getpid(), 9)
+    if config.seed == 3 and (control / "die").exists():
         os.kill(os.getpid(), 9)
     if config.seed == 1 and (control / "fail").exists():
         raise FloatingPointError("the critic is NaN")
@@ -134,6 +137,15 @@ def test_a_worker_that_dies_costs_only_its_run_which_is_retried(fake):
     assert all(is_done(config, folder / "runs") for config in configs(4))
     assert trained(folder).count("dense-seed3") == 2
     assert trained(folder).count("dense-seed0") == 1
+
+
+def test_a_run_that_kills_every_worker_is_named_and_the_others_are_kept(fake):
+    train, folder = fake
+    (folder / "die").touch()
+    with pytest.raises(RuntimeError, match=r"1 of 4 runs failed.*dense-seed3: KilledWorker"):
+        run_sweep(configs(4), folder / "runs", train=train, workers=2)
+    assert [is_done(config, folder / "runs") for config in configs(4)] == [True] * 3 + [False]
+    assert trained(folder).count("dense-seed3") == 3, "once, and twice more"
 
 
 def test_results_that_die_with_a_worker_before_they_are_fetched_are_made_again(fake, monkeypatch):
@@ -231,6 +243,32 @@ def test_a_scheduler_named_in_the_environment_is_used(fake, monkeypatch):
         run_sweep(configs(1), folder / "runs", train=train)
         assert is_done(configs(1)[0], folder / "runs")
         assert cluster.scheduler.transition_counter > 0
+
+
+LENT = """
+import time
+from distributed import LocalCluster
+layout = {"n_workers": 1, "processes": False, "protocol": "tcp://", "dashboard_address": ":0"}
+with LocalCluster(**layout) as cluster:
+    print(cluster.scheduler_address, flush=True)
+    time.sleep(1_000)
+"""
+
+
+def test_a_scheduler_that_vanishes_is_named_and_what_is_finished_kept(fake, monkeypatch):
+    train, folder = fake
+    (folder / "slow").touch()
+    lent = subprocess.Popen([sys.executable, "-c", LENT], stdout=subprocess.PIPE, text=True)
+    address = lent.stdout.readline().strip()
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", address)
+    monkeypatch.setattr(sweep, "write_run", lambda *run: (write_run(*run), lent.kill()))
+    with pytest.raises(RuntimeError, match=r"[1-3] of 4 runs failed, the others are kept; first "):
+        run_sweep(configs(4), folder / "runs", train=train)
+    lent.wait()
+    assert 1 <= sum(is_done(config, folder / "runs") for config in configs(4)) < 4
+    with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
+        with pytest.raises(OSError, match=f"connect to {address}"):
+            run_sweep(configs(4), folder / "runs", train=train)
 
 
 def test_progress_tells_runs_and_halves_of_runs_and_the_time_to_go(fake, monkeypatch):

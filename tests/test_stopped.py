@@ -1,0 +1,104 @@
+"""The command, stopped or robbed of its kernel in each phase: it says so, and nothing goes on."""
+
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import nbformat
+import psutil
+import pytest
+
+NAMES = ("profile", "eeg", "out", "workers", "recompute", "ship")
+PARAMETERS = "\n".join(f"{name} = None" for name in NAMES)
+COMMAND = """
+import signal, sys
+from pathlib import Path
+from rlihf_lib import regenerate
+from rlihf_lib.__main__ import main
+from rlihf_lib.study import Study
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what runs behind a shell
+    regenerate.NOTEBOOKS = Path()
+    Study.p_error = lambda self: None
+    if sys.argv[1] == "side by side":
+        Study.status = lambda *_: __import__("pandas").DataFrame({"missing": [0]})
+    sys.exit(main(["--profile", "smoke", "--out", "out", "--workers", "2", "--only", "04", "05"]))
+"""
+#: What a notebook is at when the signal comes, and the processes it has then.
+PHASES = {
+    "computing": ("while True:\n    sum(range(1000))", 1),
+    "in processes": (
+        "import time\nfrom rlihf_lib.parallel import in_processes\n"
+        "list(in_processes(time.sleep, [(1000,)] * 4, 2))",
+        3,
+    ),
+    "in a sweep": (
+        "from rlihf_lib.rl.runs import RunConfig\nfrom rlihf_lib.rl.sweep import run_sweep\n"
+        "configs = [RunConfig('sparse', seed, 10**6, 10**5) for seed in (0, 1)]\n"
+        "run_sweep(configs, 'runs', workers=2)",
+        3,
+    ),
+    "side by side": ("import time\ntime.sleep(1000)", 4),
+}
+
+
+@pytest.fixture
+def begun(tmp_path):
+    """Begin the command in a phase; return it and its processes once that is reached."""
+    processes = []
+
+    def begin(phase):
+        source, least = PHASES[phase]
+        cells = [nbformat.v4.new_code_cell(text) for text in (PARAMETERS, source)]
+        cells[0].metadata["tags"] = ["parameters"]
+        kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+        for name in ("04_metrics_tables", "05_whf_ablation"):
+            nb = nbformat.v4.new_notebook(cells=cells, metadata={"kernelspec": kernel})
+            nbformat.write(nb, tmp_path / f"{name}.ipynb")
+        (tmp_path / "command.py").write_text(textwrap.dedent(COMMAND))
+        command = subprocess.Popen(
+            [sys.executable, "command.py", phase],
+            cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        processes.append(command)
+        deadline = time.monotonic() + 120
+        while len(family := psutil.Process(command.pid).children(recursive=True)) < least:
+            assert time.monotonic() < deadline and command.poll() is None, command.stderr.read()
+            time.sleep(0.2)
+        time.sleep(4)  # until its cell has begun
+        return command, psutil.Process(command.pid).children(recursive=True) or family
+
+    yield begin
+    for process in processes:
+        process.kill()
+
+
+@pytest.mark.parametrize("code", [130, 143])
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_signal_ends_the_command_with_its_code_and_one_sentence(phase, code, begun):
+    command, family = begun(phase)
+    command.send_signal(signal.Signals(code - 128))
+    asked = time.monotonic()
+    said = command.communicate(timeout=60)[1]
+    assert command.returncode == code, said
+    assert said.strip() == "interrupted; the same command goes on from here"
+    _, alive = psutil.wait_procs(family, timeout=10)
+    assert not alive and time.monotonic() - asked < 15, "5 s where nothing else runs"
+
+
+def test_a_kernel_that_is_killed_is_named_in_one_sentence(begun, tmp_path):
+    command, family = begun("in processes")
+    (kernel,) = (p for p in family if "ipykernel_launcher" in " ".join(p.cmdline()))
+    kernel.kill()
+    said = command.communicate(timeout=60)[1]
+    assert command.returncode == 1
+    first, second = said.strip().splitlines()
+    assert first == (
+        "rlihf_lib: the kernel of notebook 04_metrics_tables.ipynb died; was it killed for want of "
+        "memory?"
+    )
+    copy = tmp_path / "out/results/smoke-simulated/notebooks/04_metrics_tables.ipynb"
+    assert second == f"  executed copy, as far as it came: {copy}"
+    assert not psutil.wait_procs(family, timeout=10)[1], "workers outlive their kernel"
