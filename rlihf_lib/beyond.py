@@ -6,6 +6,7 @@ something else is varied. They lie in the folder `beyond` of the study.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import pandas as pd
 from scipy.special import expit, logit
@@ -143,11 +144,11 @@ def _remedies(beyond):
 
 def _labels(beyond):
     """How many answers it takes, and what a model of them adds."""
-    once = {"once": True}
     cases = {
         "every step": Asking(), "every step, model": Asking(model=True),
-        "each epoch once": Asking(**once), "each epoch once, model": Asking(**once, model=True),
-        "each epoch once, unsure": Asking(**once, model=True, when="unsure"),
+        "each epoch once": Asking(once=True),
+        "each epoch once, model": Asking(once=True, model=True),
+        "each epoch once, unsure": Asking(once=True, model=True, when="unsure"),
     }  # fmt: skip
     for budget in BUDGETS:
         cases[f"{budget:,}, model"] = Asking(budget, model=True)
@@ -169,7 +170,7 @@ def _forms(beyond):
         ("1 - p", None), ("0.5 - p", forms.half), ("log-odds", forms.log_odds),
         ("yes or no", forms.yes_or_no), ("yes or no, corrected", unbiased),
     ):  # fmt: skip
-        told = {"feedback": form} if form else {}
+        told: dict[str, Any] = {"feedback": form} if form else {}
         contrast = wrong.mean() - right.mean()
         if form:
             contrast = form(right, 0.0, 0.0).mean() - form(wrong, 0.0, 0.0).mean()
@@ -185,7 +186,9 @@ def _weights(beyond):
     The spread needs no labels, and is small where a decoder knows little.
     """
     fixed = {f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)}
-    changing = {f.__name__: {"feedback": f} for f in (forms.fading, forms.growing, forms.doubting)}
+    changing: dict[str, dict[str, Any]] = {
+        f.__name__: {"feedback": f} for f in (forms.fading, forms.growing, forms.doubting)
+    }
     ranked = beyond.study.ranked_subjects()
     spread = {who: rows_of(beyond.p_error, who)["p_error"].std() for who in ranked}
     for who in (ranked[0], ranked[-1]):

@@ -230,7 +230,8 @@ def _shown(title, bars):
         before = dict(os.environ)
         # The kernel's, too, which so heeds and leaves nothing in the reader's home folder.
         os.environ |= {progress.VARIABLE: str(path), "IPYTHONDIR": folder}
-        os.environ |= {variable: str(cache_dir() / name) for variable, name in CACHES.items()}
+        caches = {variable: str(cache_dir() / name) for variable, name in CACHES.items()}
+        os.environ |= caches | {name: before[name] for name in CACHES if name in before}
         say("started")
         watcher.start()
         try:

@@ -23,15 +23,10 @@ def people_figure(people: Mapping[str, pd.DataFrame], references: Mapping[str, f
     fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.9))
     for group, reached in references.items():
         ax.axhline(reached, **style.line_style(group), label=style.label(group))
+    shade = style.color("rlihf")
     for number, (name, table) in enumerate(people.items()):
-        filled = {
-            "mfc": style.color("rlihf") if number == 0 else "none",
-            "mec": style.color("rlihf"),
-        }
-        label = f"{name} (n = {len(table)})"
-        ax.plot(
-            table["auroc"], table["success"], MARKERS[number], ls="", ms=5, label=label, **filled
-        )
+        (points,) = ax.plot(table["auroc"], table["success"], MARKERS[number], color=shade, ms=5)
+        points.set(label=f"{name} (n = {len(table)})", mfc=shade if number == 0 else "none")
     ax.set(xlabel="AUROC of the held-out person", ylabel=AXIS_LABELS["success"], ylim=(-0.05, 1.05))
     fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig

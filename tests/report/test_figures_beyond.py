@@ -11,7 +11,12 @@ def test_every_person_is_a_point_and_every_study_a_marker():
     other = pd.DataFrame({"subject": ["c"], "auroc": [0.8], "success": [0.5]})
     reached = {"dense": 0.9, "sparse": 0.0}
     fig = figures_beyond.people_figure({"simulated EEG": own, "lab": other}, reached)
-    assert [text.get_text() for text in fig.legends[0].texts] == ["RL dense", "RL sparse", "simulated EEG (n = 2)", "lab (n = 1)"]
+    assert [text.get_text() for text in fig.legends[0].texts] == [
+        "RL dense",
+        "RL sparse",
+        "simulated EEG (n = 2)",
+        "lab (n = 1)",
+    ]
     *_, first, second = fig.axes[0].lines
     assert first.get_xydata().tolist() == [[0.7, 0.1], [0.9, 0.8]]
     assert second.get_xydata().tolist() == [[0.8, 0.5]]
