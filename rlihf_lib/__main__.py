@@ -39,6 +39,7 @@ def parser() -> argparse.ArgumentParser:
     add("--out", metavar="DIR", help="where results/ and figures/ go (default: here)")
     add("--recompute", action="store_true", help="compute anew what is done")
     add("--list", action="store_true", help="what is done, missing, how long the rest takes")
+    add("--debug", action="store_true", help="where in the program an error comes from, too")
     return result
 
 
@@ -95,8 +96,13 @@ def main(argv=None) -> int:
         else:
             regenerate(study, steps, options.workers, options.recompute)
             print(f"figures: {study.figures}\nresults: {study.results}")
-    except (RuntimeError, OSError, ValueError) as error:
-        print(f"rlihf_lib: {error}", file=sys.stderr)
+    except Exception as error:
+        if options.debug:
+            raise
+        said = str(error)
+        if not isinstance(error, RuntimeError | OSError | ValueError):
+            said = f"{type(error).__name__}: {error}; a fault of this program, --debug shows where"
+        print(f"rlihf_lib: {said}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as stopped:
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # nbclient's unfinished tasks

@@ -96,3 +96,15 @@ def test_what_nobody_can_mean_is_refused_by_name(arguments, message, folder, cap
 
 def test_at_least_sixty_command_lines_are_tried():
     assert len(REFUSED) >= 60
+
+
+def test_a_fault_of_the_program_is_a_sentence_unless_one_looks_for_it(capsys, monkeypatch):
+    def fault(*_):
+        raise KeyError("nobody thought of this")
+
+    monkeypatch.setattr("rlihf_lib.__main__.regenerate", fault)
+    assert main(["--profile", "smoke"]) == 1
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("rlihf_lib: KeyError: 'nobody thought of this'") and "--debug" in said
+    with pytest.raises(KeyError):
+        main(["--profile", "smoke", "--debug"])

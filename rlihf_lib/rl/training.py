@@ -15,6 +15,7 @@ import pandas as pd
 import torch
 from safetensors.torch import save
 from stable_baselines3.common.callbacks import BaseCallback
+from threadpoolctl import threadpool_info
 
 from rlihf_lib.files import canonical_json
 from rlihf_lib.rl.asking import Asking, AskingReward
@@ -190,6 +191,14 @@ def train_run(
     return {**files, ACTOR: save(record.actor)}
 
 
+def processor() -> str:
+    """Name of the processor, where Linux tells it."""
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
 def _provenance():
     """Versions and machine a result was computed with."""
     packages = ("rlihf_lib", "torch", "stable-baselines3", "robosuite", "mujoco", "numpy")
@@ -205,5 +214,8 @@ def _provenance():
         "commit": (git("rev-parse", "--short", "HEAD") or "unknown") + changed,
         "packages": {name: importlib.metadata.version(name) for name in packages},
         "python": platform.python_version(),
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {processor()}",
+        "kernels": sorted(
+            {blas["architecture"] for blas in threadpool_info() if "architecture" in blas}
+        ),
     }

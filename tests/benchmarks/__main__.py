@@ -3,7 +3,6 @@
 import argparse
 import json
 import os
-import platform
 import sys
 from itertools import chain
 from pathlib import Path
@@ -35,9 +34,10 @@ def main(argv=None):
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the ratios to FILE")
     parser.add_argument("--repeats", type=int, default=5, help="alternating repeats (default 5)")
     options = parser.parse_args(argv)
-    from tests.benchmarks import decoder, policies  # PyTorch and MuJoCo, only to measure
+    from rlihf_lib.rl.training import processor  # PyTorch and MuJoCo, only to measure
+    from tests.benchmarks import decoder, policies
 
-    ratios = {"machine": f"{len(os.sched_getaffinity(0))} cores of {_processor()}"}
+    ratios = {"machine": f"{len(os.sched_getaffinity(0))} cores of {processor()}"}
     print(f"{'what':21}{'measured':>9}  wanted", flush=True)
     for key, value in chain(policies.measure(options.repeats), decoder.measure()):
         ratios[key] = value
@@ -46,14 +46,6 @@ def main(argv=None):
     if options.json:
         write_text(options.json, json.dumps(ratios, indent=2) + "\n")
     return 0
-
-
-def _processor():
-    """Name of the processor, where Linux tells it."""
-    path = Path("/proc/cpuinfo")
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 if __name__ == "__main__":

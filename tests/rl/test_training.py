@@ -49,7 +49,8 @@ def test_run_folder_says_what_was_run_and_how_it_went(tmp_path):
     columns = "step rollout return success path_efficiency path_deviation collisions min_clearance"
     assert set(columns.split()) <= set(rows.columns)
     assert rows.groupby("step").size().to_dict() == {0: 2, 150: 2, 300: 2}
-    assert json.loads((folder / "provenance.json").read_text())["packages"]["mujoco"]
+    provenance = json.loads((folder / "provenance.json").read_text())
+    assert provenance["packages"]["mujoco"] and provenance["kernels"]
 
 
 def test_a_run_that_diverges_is_named_with_its_settings(tmp_path):
