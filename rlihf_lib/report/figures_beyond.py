@@ -11,24 +11,27 @@ from rlihf_lib.report import style
 from rlihf_lib.report.evaluations import RANGES
 from rlihf_lib.report.figures_late import RUNS
 from rlihf_lib.report.figures_policy import AXIS_LABELS, SHARE
+from rlihf_lib.report.people import TAUGHT
 
 MARKERS = "osD^vP"  # of studies, in their order
 
 
-def people_figure(people: Mapping[str, pd.DataFrame], references: Mapping[str, float]) -> Figure:
-    """Late success against AUROC: a point a person, a marker a study, by what to call it.
+def people_figure(people: Mapping[str, pd.DataFrame], references: pd.DataFrame) -> Figure:
+    """What people have taught against the AUROC of their decoders: a point each, a marker a study.
 
-    Tables as `people.taught` makes them. `references`: late success of groups without a person.
+    Tables as `people.taught` makes them, by what to call the study. `references`: the same means
+    of groups without a person, which index it.
     """
-    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.9))
-    for group, reached in references.items():
-        ax.axhline(reached, **style.line_style(group), label=style.label(group))
+    fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.9), sharey=True)
     shade = style.color("rlihf")
-    for number, (name, table) in enumerate(people.items()):
-        (points,) = ax.plot(table["auroc"], table["success"], MARKERS[number], color=shade, ms=5)
-        points.set(label=f"{name} (n = {len(table)})", mfc=shade if number == 0 else "none")
-    ax.set(xlabel="AUROC of the held-out person", ylabel=AXIS_LABELS["success"], ylim=(-0.05, 1.05))
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    for ax, metric in zip(axes, TAUGHT, strict=True):
+        for group, reached in references[metric].items():
+            ax.axhline(reached, **style.line_style(group), label=style.label(group))
+        for number, (name, table) in enumerate(people.items()):
+            (points,) = ax.plot(table["auroc"], table[metric], MARKERS[number], color=shade, ms=5)
+            points.set(label=f"{name} (n = {len(table)})", mfc=shade if number == 0 else "none")
+        ax.set(xlabel="AUROC of the held-out person", ylabel=AXIS_LABELS[metric], ylim=SHARE)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 
 

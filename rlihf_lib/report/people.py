@@ -12,6 +12,7 @@ from rlihf_lib.report.tables import compare, family
 from rlihf_lib.rl.feedback import read_table
 
 MEASURES = ["auroc", "balanced_accuracy", "accuracy_online"]  # of decoders
+TAUGHT = ("success", "completed")
 REACHED = ("success", "return", "success_early", "success_mid")
 
 
@@ -70,11 +71,11 @@ def threshold_table(people: pd.DataFrame) -> pd.DataFrame:
 def taught(runs: pd.DataFrame, scores: pd.DataFrame, steps: int) -> pd.DataFrame:
     """How well each person of a study is decoded, and what they have taught in so many steps.
 
-    Late, that is in the last third of these steps. Columns subject, auroc, success.
+    Late, that is in the last third of these steps. Columns subject, auroc and `TAUGHT`.
     """
     late = phase_scores(derive(runs[runs["step"] <= steps]))
-    success = late.query("group == 'rlihf'").groupby("subject")["success"].mean()
-    return scores[["subject", "auroc"]].merge(success.reset_index(), on="subject")
+    means = late.query("group == 'rlihf'").groupby("subject")[[*TAUGHT]].mean()
+    return scores[["subject", "auroc"]].merge(means.reset_index(), on="subject")
 
 
 def taught_elsewhere(results: Path, profile: str) -> dict[str, tuple[Path, pd.DataFrame]]:
@@ -82,11 +83,8 @@ def taught_elsewhere(results: Path, profile: str) -> dict[str, tuple[Path, pd.Da
 
     As notebook 04 wrote it.
     """
-    files = sorted(results.glob(f"{profile}-*/tables/subjects.csv"))
+    columns = ["subject", "auroc", *TAUGHT]
     return {
-        file.parts[-3].removeprefix(f"{profile}-"): (
-            file,
-            read_table(file, ("subject", "auroc", "success"))[["subject", "auroc", "success"]],
-        )
-        for file in files
+        file.parts[-3].removeprefix(f"{profile}-"): (file, read_table(file, columns)[columns])
+        for file in sorted(results.glob(f"{profile}-*/tables/subjects.csv"))
     }

@@ -7,9 +7,9 @@ from rlihf_lib.report import figures_beyond
 
 
 def test_every_person_is_a_point_and_every_study_a_marker():
-    own = pd.DataFrame({"subject": ["a", "b"], "auroc": [0.7, 0.9], "success": [0.1, 0.8]})
-    other = pd.DataFrame({"subject": ["c"], "auroc": [0.8], "success": [0.5]})
-    reached = {"dense": 0.9, "sparse": 0.0}
+    own = pd.DataFrame({"auroc": [0.7, 0.9], "success": [0.1, 0.8], "completed": [0.3, 0.9]})
+    other = pd.DataFrame({"auroc": [0.8], "success": [0.5], "completed": [0.6]})
+    reached = pd.DataFrame({"success": [0.9, 0.0], "completed": [1.0, 0.1]}, ["dense", "sparse"])
     fig = figures_beyond.people_figure({"simulated EEG": own, "lab": other}, reached)
     assert [text.get_text() for text in fig.legends[0].texts] == [
         "RL dense",
@@ -20,6 +20,7 @@ def test_every_person_is_a_point_and_every_study_a_marker():
     *_, first, second = fig.axes[0].lines
     assert first.get_xydata().tolist() == [[0.7, 0.1], [0.9, 0.8]]
     assert second.get_xydata().tolist() == [[0.8, 0.5]]
+    assert fig.axes[1].lines[-1].get_xydata().tolist() == [[0.8, 0.6]]
     assert first.get_marker() != second.get_marker()
 
 

@@ -52,4 +52,6 @@ def test_people_of_other_studies_are_read_from_their_tables(runs, scores, tmp_pa
     found = people.taught_elsewhere(tmp_path, "quick")
     ((name, (file, table)),) = found.items()
     assert name == "lab" and file == tmp_path / "quick-lab/tables/subjects.csv"
-    assert list(table) == ["subject", "auroc", "success"] and set(table["subject"]) == {"07"}
+    assert list(table) == ["subject", "auroc", "success", "completed"] and set(
+        table["subject"]
+    ) == {"07"}
