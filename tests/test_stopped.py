@@ -83,7 +83,9 @@ def test_a_signal_ends_the_command_with_its_code_and_one_sentence(phase, code, b
     asked = time.monotonic()
     said = command.communicate(timeout=60)[1]
     assert command.returncode == code, said
-    assert said.strip() == "interrupted; the same command goes on from here"
+    # What ends while it is starting may say so; nothing of ours does.
+    assert "interrupted; the same command goes on from here" in said.splitlines(), said
+    assert "rlihf_lib/" not in said, said
     _, alive = psutil.wait_procs(family, timeout=10)
     assert not alive and time.monotonic() - asked < 15, "5 s where nothing else runs"
 

@@ -27,8 +27,6 @@ QUIET = {
     "distributed.admin.system-monitor.interval": "10s",
     # A laptop that slept for five minutes has not lost its workers.
     "distributed.scheduler.worker-ttl": None,
-    # A run whose worker dies is trained again, and once more.
-    "distributed.scheduler.allowed-failures": 2,
     # Nothing is served to browsers.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
@@ -72,7 +70,8 @@ def run_sweep(
     Notes
     -----
     A worker that dies takes only its run with it: Dask starts another, which trains the run from
-    its beginning (three times at most). Files travel through Dask: workers need no common disk.
+    its beginning (four times at most; fewer would blame runs that wait beside it). Files travel
+    through Dask: workers need no common disk.
     On this machine they know one another by keys made for the sweep. Whoever reaches the ports of a
     cluster of your own runs code as you, unless it uses TLS, as Dask's manual explains
     (https://distributed.dask.org/en/stable/tls.html).

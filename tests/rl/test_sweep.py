@@ -145,7 +145,7 @@ def test_a_run_that_kills_every_worker_is_named_and_the_others_are_kept(fake):
     with pytest.raises(RuntimeError, match=r"1 of 4 runs failed.*dense-seed3: KilledWorker"):
         run_sweep(configs(4), folder / "runs", train=train, workers=2)
     assert [is_done(config, folder / "runs") for config in configs(4)] == [True] * 3 + [False]
-    assert trained(folder).count("dense-seed3") == 3, "once, and twice more"
+    assert trained(folder).count("dense-seed3") == 4, "once, and three times more"
 
 
 def test_results_that_die_with_a_worker_before_they_are_fetched_are_made_again(fake, monkeypatch):
