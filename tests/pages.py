@@ -56,6 +56,7 @@ CAPTIONS = {
     "safety": "Collisions and clearance during training",
     "paths": "Paths of trained policies round the obstacles, from above",
     "decoder_vs_policy": "What decides: late and early success against the AUROC of the decoder",
+    "people": "Simulated people, recorded ones, yes/no decoders: what they teach, against AUROC",
 }
 
 

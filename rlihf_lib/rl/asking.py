@@ -64,6 +64,7 @@ class AskingReward(TrainingReward):
         self._paid, self._scales = np.zeros((2, n))
         self._asked: list[int] = []  # steps with an answer
         self._answers: list[float] = []
+        self._mean = 0.5  # of the answers so far
         self._scores: deque[float] = deque(maxlen=COMPARED)
         most = min(asking.budget or n, n)
         self.budget = min(most, self.observer.n_epochs) if asking.once else most
@@ -77,7 +78,7 @@ class AskingReward(TrainingReward):
         self._inputs[now] = np.concatenate(self._seen)
         lasts = self._discounts.sum() if moment.success or moment.lost else 1.0
         self._scales[now] = self.w_hf * lasts
-        self._paid[now] = np.mean(self._answers) if self._answers else 0.5
+        self._paid[now] = self._mean
         unsure = self._rng.random()
         if self.asking.model and now >= REFIT:
             (self._paid[now],), (doubt,) = self._model.predict(self._inputs[now : now + 1])
@@ -87,6 +88,7 @@ class AskingReward(TrainingReward):
                 answer = float(self.feedback(np.array([p_error]))[0])
                 self._asked.append(now)
                 self._answers.append(answer)
+                self._mean += (answer - self._mean) / len(self._answers)
                 if not self.asking.model:
                     self._paid[now] = answer
         reward = task_reward(moment, self.discount) + self._scales[now] * self._paid[now]
