@@ -27,6 +27,10 @@ class Amplifier:
         """LSL time of a sample, counted from the first that could be sent."""
         return self._start + sample / self.sfreq
 
+    def wait(self):
+        """Wait until somebody listens: what nobody listens to is lost."""
+        assert self._outlet.wait_for_consumers(60)
+
     def skip(self, n):
         """Lose samples."""
         self.n_sent += n

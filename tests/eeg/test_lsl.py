@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from itertools import count
 
@@ -228,11 +229,15 @@ def test_the_command_answers_until_ctrl_c(names, tmp_path):
         [*command, "--decoder", str(tmp_path / "live.safetensors")], env=environment,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
+        deadline = threading.Timer(120, process.kill)
+        deadline.start()
         lines = iter(process.stdout.readline, "")
         heard = next(line for line in lines if "listening" in line)
         assert f"'{names[0]}'; p(error) of 1 comes 1.00 s after it, as '{names[2]}'" in heard
+        amplifier.wait()
         amplifier.send(np.vstack([noise(400), np.arange(400) > 99]))
         assert next(lines).startswith("p(error) 0.")
+        deadline.cancel()
         process.send_signal(signal.SIGINT)
         rest, problems = process.communicate(timeout=10)
     assert process.returncode == 0 and "1 events answered" in rest
