@@ -18,8 +18,7 @@ def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(
         prog="python -m rlihf_lib",
         usage="python -m rlihf_lib [options]",
-        description="From EEG recordings to every figure and table of the paper. What is done "
-        "already, shipped results included, is used; the rest is computed.",
+        description="From EEG recordings to all figures and tables; what is done is used.",
         epilog="`python -m rlihf_lib live --help`: p(error) of whoever wears the cap.",
         allow_abbrev=False,
     )

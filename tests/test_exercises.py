@@ -166,7 +166,7 @@ def reader(request, tmp_path_factory):
 
 def test_untouched_exercises_are_no_mistake(reader):
     numbers = exercises(reader.nb)
-    assert numbers == [1, 2]
+    assert numbers == ([1] if reader.name.startswith("06") else [1, 2])
     for number in numbers:
         said = printed(reader.nb.cells[tagged(reader.nb, f"check-{number}")])
         assert said == f"Exercise {number}: nothing to check yet\n"

@@ -41,7 +41,7 @@ def test_a_second_process_waits_for_the_first_and_says_for_whom(tmp_path):
     assert first.stdout.readline() == "in\n"
     second = start(tmp_path / "runs", 0)
     out, err = second.communicate(timeout=30)
-    assert first.poll() == 0, "the second came in before the first had left"
+    assert first.wait(timeout=30) == 0
     assert out == "in\n" and f"waiting for process {first.pid} on" in err
 
 

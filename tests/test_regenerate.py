@@ -228,6 +228,7 @@ def test_a_kernel_heeds_and_leaves_nothing_at_home(notebook, tmp_path, monkeypat
     (startup / "mine.py").write_text("n = 2")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("MPLCONFIGDIR", raising=False)  # CI's own
     before = {*(tmp_path / "home").rglob("*")}
     path = notebook(
         "m = 1", "import matplotlib.pyplot as plt; plt.figure(); assert 'n' not in dir()"

@@ -64,7 +64,11 @@ def begun(tmp_path):
         )  # fmt: skip
         processes.append(command)
         deadline = time.monotonic() + 120
-        while len(family := psutil.Process(command.pid).children(recursive=True)) < least:
+        while len(
+            family := psutil.Process(command.pid).children(recursive=True)
+        ) < least or not any(
+            process.is_running() and "ipykernel_launcher" in process.cmdline() for process in family
+        ):
             assert time.monotonic() < deadline and command.poll() is None, command.stderr.read()
             time.sleep(0.2)
         time.sleep(4)  # until its cell has begun
