@@ -26,6 +26,7 @@ from rlihf_lib.rl.feedback import (
     rows_of,
     synthetic_table,
 )
+from rlihf_lib.rl.rewards import errp_feedback
 from rlihf_lib.rl.runs import RunConfig
 from rlihf_lib.rl.timing import Timing
 
@@ -57,7 +58,9 @@ class Beyond:
             "eval_every": EVERY if is_long else profile.eval_every,
             "horizon": profile.horizon, "eval_rollouts": profile.eval_rollouts,
         }  # fmt: skip
-        self.p_error = pd.concat([study.feedback(), *_synthetic(), self._session()])
+        self.p_error = pd.concat(
+            [study.feedback(), *_synthetic(), self._session()], ignore_index=True
+        )
 
     def _session(self):
         """p(error) over a session in which the person tires; only simulated people can."""
@@ -167,13 +170,11 @@ def _forms(beyond):
     unbiased = forms.corrected(float((wrong >= 0.5).mean()), float((right >= 0.5).mean()))
     cases: dict[str, dict] = {}
     for name, form in (
-        ("1 - p", None), ("0.5 - p", forms.half), ("log-odds", forms.log_odds),
+        ("1 - p", errp_feedback), ("0.5 - p", forms.half), ("log-odds", forms.log_odds),
         ("yes or no", forms.yes_or_no), ("yes or no, corrected", unbiased),
     ):  # fmt: skip
-        told: dict[str, Any] = {"feedback": form} if form else {}
-        contrast = wrong.mean() - right.mean()
-        if form:
-            contrast = form(right, 0.0, 0.0).mean() - form(wrong, 0.0, 0.0).mean()
+        told = {"feedback": "errp" if form is errp_feedback else form}
+        contrast = form(right, 0.0, 0.0).mean() - form(wrong, 0.0, 0.0).mean()
         weight = Profile.w_hf * (wrong.mean() - right.mean()) / contrast
         for scale, words in ((1, ""), (0.5, ", half"), (2, ", twice")):
             cases[name + words] = told | {"w_hf": float(f"{scale * weight:.3g}")}

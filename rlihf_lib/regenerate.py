@@ -229,9 +229,8 @@ def _shown(title, bars):
         watcher = threading.Thread(target=watch, daemon=True)
         before = dict(os.environ)
         # The kernel's, too, which so heeds and leaves nothing in the reader's home folder.
-        os.environ |= {progress.VARIABLE: str(path), "IPYTHONDIR": folder}
         caches = {variable: str(cache_dir() / name) for variable, name in CACHES.items()}
-        os.environ |= caches | {name: before[name] for name in CACHES if name in before}
+        os.environ |= caches | before | {progress.VARIABLE: str(path), "IPYTHONDIR": folder}
         say("started")
         watcher.start()
         try:

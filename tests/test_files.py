@@ -22,6 +22,7 @@ from rlihf_lib.files import one_at_a_time
 with one_at_a_time(sys.argv[1]):
     print("in", flush=True)
     time.sleep(float(sys.argv[2]))
+    print(time.monotonic(), file=sys.stderr)
 """
 POOL = """
 import time
@@ -41,7 +42,10 @@ def test_a_second_process_waits_for_the_first_and_says_for_whom(tmp_path):
     assert first.stdout.readline() == "in\n"
     second = start(tmp_path / "runs", 0)
     out, err = second.communicate(timeout=30)
-    assert first.wait(timeout=30) == 0
+    left = first.communicate(timeout=30)[1]
+    assert first.returncode == 0
+    came_too_early = "the second came in before the first had left"
+    assert float(err.split()[-1]) > float(left.split()[-1]), came_too_early
     assert out == "in\n" and f"waiting for process {first.pid} on" in err
 
 

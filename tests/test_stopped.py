@@ -44,6 +44,10 @@ PHASES = {
 }
 
 
+def is_kernel(process):
+    return process.is_running() and "ipykernel_launcher" in process.cmdline()
+
+
 @pytest.fixture
 def begun(tmp_path):
     """Begin the command in a phase; return it and its processes once that is reached."""
@@ -66,9 +70,7 @@ def begun(tmp_path):
         deadline = time.monotonic() + 120
         while len(
             family := psutil.Process(command.pid).children(recursive=True)
-        ) < least or not any(
-            process.is_running() and "ipykernel_launcher" in process.cmdline() for process in family
-        ):
+        ) < least or not any(map(is_kernel, family)):
             assert time.monotonic() < deadline and command.poll() is None, command.stderr.read()
             time.sleep(0.2)
         time.sleep(4)  # until its cell has begun
@@ -96,7 +98,7 @@ def test_a_signal_ends_the_command_with_its_code_and_one_sentence(phase, code, b
 
 def test_a_kernel_that_is_killed_is_named_in_one_sentence(begun, tmp_path):
     command, family = begun("in processes")
-    (kernel,) = (p for p in family if "ipykernel_launcher" in " ".join(p.cmdline()))
+    (kernel,) = filter(is_kernel, family)
     kernel.kill()
     said = command.communicate(timeout=60)[1]
     assert command.returncode == 1

@@ -28,17 +28,17 @@ def session_table(subject: str, decoder) -> pd.DataFrame:
     many in each of `PARTS`. Subjects are "<subject>_rested", who does not tire; "<subject>_tired",
     by the decoder as it is; "<subject>_updated", by the decoder fine-tuned in every part.
     """
-    rested = _epochs(subject, 0.0)
-    n = len(rested.labels) // PARTS
+    session = [_epochs(subject, part / (PARTS - 1)) for part in range(PARTS)]
+    rested = decoder.input_format.pick(session[0])
+    n = len(rested) // PARTS
     rows, updated = [], decoder
-    for part in range(PARTS):
-        tired = _epochs(subject, part / (PARTS - 1))
+    for part, tired in enumerate(session):
         labelled = slice(part * n, part * n + N_LABELLED)
         asked = slice(part * n + N_LABELLED, (part + 1) * n)
         signals = decoder.input_format.pick(tired)
         updated = fine_tune(updated, signals[labelled], tired.labels[labelled])
         p_error = {
-            "rested": decoder.p_error(decoder.input_format.pick(rested)[asked]),
+            "rested": decoder.p_error(rested[asked]),
             "tired": decoder.p_error(signals[asked]),
             "updated": updated.p_error(signals[asked]),
         }

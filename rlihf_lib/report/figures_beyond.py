@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from rlihf_lib.report import style
 from rlihf_lib.report.evaluations import RANGES
-from rlihf_lib.report.figures_late import RUNS
+from rlihf_lib.report.figures_late import CONTROL_STEP, RUNS
 from rlihf_lib.report.figures_policy import AXIS_LABELS, SHARE
 from rlihf_lib.report.people import TAUGHT
+from rlihf_lib.report.statistics import PROBABILITY
 
 MARKERS = "osD^vP"  # of studies, in their order
 
@@ -50,7 +51,7 @@ def cases_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
             ax.plot(scores, np.full(len(scores), place), color=style.color("rlihf"), **RUNS)
             ax.plot(scores.mean(), place, "D", color=style.color("rlihf"), ms=4)
         ax.set(xlabel=AXIS_LABELS[metric], yticks=range(len(cases)), yticklabels=cases)
-        if RANGES[metric] == (0, 1):
+        if RANGES[metric] == PROBABILITY:
             ax.set_xlim(SHARE)
     return fig
 
@@ -60,17 +61,20 @@ def grid_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
 
     Of `beyond.Beyond.late` with the columns interval and delay, in control steps.
     """
-    fig, axes = plt.subplots(1, len(metrics), figsize=(style.PAGE_WIDTH, 2.2), sharey=True)
-    for ax, metric in zip(np.atleast_1d(axes), metrics, strict=True):
+    size = style.PAGE_WIDTH, 2.2
+    fig, axes = plt.subplots(1, len(metrics), figsize=size, sharey=True, squeeze=False)
+    for ax, metric in zip(axes[0], metrics, strict=True):
         table = late.pivot_table(metric, "interval", "delay")
         ax.imshow(table, cmap="Oranges", vmin=0, vmax=1, aspect="auto")
         for row, column in np.ndindex(table.shape):
             reached = table.iloc[row, column]
             shade = "white" if reached > 0.6 else "black"
             ax.text(column, row, f"{reached:.2f}", ha="center", va="center", color=shade)
-        ax.set_xticks(range(table.shape[1]), [f"{0.1 * delay:g}" for delay in table.columns])
-        ax.set_yticks(range(table.shape[0]), [f"{0.1 * every:g}" for every in table.index])
+        ax.set_xticks(
+            range(table.shape[1]), [f"{CONTROL_STEP * delay:g}" for delay in table.columns]
+        )
+        ax.set_yticks(range(table.shape[0]), [f"{CONTROL_STEP * every:g}" for every in table.index])
         ax.set(xlabel="Delay of the answer (s)", title=AXIS_LABELS[metric])
         ax.grid(visible=False)
-    np.atleast_1d(axes)[0].set_ylabel("One answer every ... s")
+    axes[0, 0].set_ylabel("One answer every ... s")
     return fig

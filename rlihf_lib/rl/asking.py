@@ -79,11 +79,11 @@ class AskingReward(TrainingReward):
         lasts = self._discounts.sum() if moment.success or moment.lost else 1.0
         self._scales[now] = self.w_hf * lasts
         self._paid[now] = self._mean
-        unsure = self._rng.random()
+        score = self._rng.random()
         if self.asking.model and now >= REFIT:
             (self._paid[now],), (doubt,) = self._model.predict(self._inputs[now : now + 1])
-            unsure = doubt if self.asking.when == "unsure" else unsure
-        if self._is_asked(now, unsure):
+            score = doubt if self.asking.when == "unsure" else score
+        if self._is_asked(now, score):
             for p_error in self.observer.watch(moment):  # none where its epochs are used up
                 answer = float(self.feedback(np.array([p_error]))[0])
                 self._asked.append(now)

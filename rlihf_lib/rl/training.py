@@ -116,16 +116,16 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
     Nobody watches if `rows` is None; `rng` and `decode` are the `Observer`'s.
     """
     choices = (config.observer, OBSERVERS), (config.reward, REWARDS), (config.feedback, FEEDBACK)
-    looks_wrong, *functions = (told if callable(told) else known[told] for told, known in choices)
-    told = rows, rng, looks_wrong, decode, config.session, config.asking.once
-    observer = None if rows is None else Observer(*told)
+    looks_wrong, *functions = (one if callable(one) else known[one] for one, known in choices)
+    watching = rows, rng, looks_wrong, decode, config.session, config.asking.once
+    observer = None if rows is None else Observer(*watching)
     weights = config.sac.discount, config.w_hf
-    named = config.condition, *weights, observer, *functions, config.total_steps
+    told = config.condition, *weights, observer, *functions, config.total_steps
     if observer and config.timing != Timing():
-        return LateReward(env, *named, timing=config.timing, rng=rng)
+        return LateReward(env, *told, timing=config.timing, rng=rng)
     if observer and config.asking != Asking():
-        return AskingReward(env, *named, asking=config.asking, rng=rng)
-    return TrainingReward(env, *named)
+        return AskingReward(env, *told, asking=config.asking, rng=rng)
+    return TrainingReward(env, *told)
 
 
 def _doubt(model, observation, action):
