@@ -6,8 +6,12 @@ import signal
 import sys
 from datetime import timedelta
 
-from rlihf_lib.regenerate import NOTEBOOKS, regenerate, select
-from rlihf_lib.study import EVENTS, PROFILES, Study
+try:
+    from rlihf_lib.regenerate import NOTEBOOKS, regenerate, select
+    from rlihf_lib.study import EVENTS, PROFILES, Study
+except KeyboardInterrupt:  # what they import takes a second
+    print("\ninterrupted; nothing was begun", file=sys.stderr)
+    sys.exit(130)
 
 MOST_WORKERS = 1_000
 SECONDS_OF_DRAWING = 150  # on two cores

@@ -1,5 +1,6 @@
 """The command, stopped or robbed of its kernel in each phase: it says so, and nothing goes on."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import time
 import nbformat
 import psutil
 import pytest
+
+from rlihf_lib.study import REPOSITORY
 
 NAMES = ("profile", "eeg", "out", "workers", "recompute", "ship")
 PARAMETERS = "\n".join(f"{name} = None" for name in NAMES)
@@ -94,6 +97,14 @@ def test_a_signal_ends_the_command_with_its_code_and_one_sentence(phase, code, b
     assert "rlihf_lib/" not in said, said
     _, alive = psutil.wait_procs(family, timeout=10)
     assert not alive and time.monotonic() - asked < 15, "5 s where nothing else runs"
+
+
+def test_ctrl_c_while_libraries_are_imported_is_one_sentence(tmp_path, monkeypatch):
+    (tmp_path / "pandas.py").write_text("raise KeyboardInterrupt")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    command = [sys.executable, "-m", "rlihf_lib", "--list"]
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "\ninterrupted; nothing was begun\n")
 
 
 def test_a_kernel_that_is_killed_is_named_in_one_sentence(begun, tmp_path):
