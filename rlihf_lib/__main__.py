@@ -62,48 +62,21 @@ def _terminate(*_):
     raise Terminated
 
 
-def _live(argv):
-    try:
-        from rlihf_lib.eeg.lsl import main
-    except ModuleNotFoundError as missing:
-        print(f"rlihf_lib: {missing}", file=sys.stderr)
-        return 1
-    return main(argv)
-
-
 def main(argv=None) -> int:
     """Run the command line; return the exit status."""
     signal.signal(signal.SIGTERM, _terminate)
     argv = sys.argv[1:] if argv is None else argv
-    if argv[:1] == ["live"]:
-        return _live(argv[1:])
-    command = parser()
-    options = command.parse_args(argv)
-    if not NOTEBOOKS.is_dir():
-        print(
-            f"rlihf_lib: installed without its notebooks ({NOTEBOOKS} is missing), which do the "
-            "work; clone the repository and run the command there",
-            file=sys.stderr,
-        )
-        return 1
     try:
-        try:
-            study = _study(options)
-            steps = select([name for item in options.only for name in item.split(",")], study)
-            if study.is_table:
-                study.p_error()  # before anything is trained
-        except (OSError, ValueError) as error:
-            command.error(str(error))
-        if options.list:
-            _print_status(study, options.workers)
-        else:
-            regenerate(study, steps, options.workers, options.recompute)
-            print(f"figures: {study.figures}\nresults: {study.results}")
+        if argv[:1] == ["live"]:
+            from rlihf_lib.eeg.lsl import main as live  # needs an extra, and PyTorch
+
+            return live(argv[1:])
+        _run(argv)
     except Exception as error:
-        if options.debug:
+        if "--debug" in argv:
             raise
         said = str(error)
-        if not isinstance(error, RuntimeError | OSError | ValueError):
+        if not isinstance(error, RuntimeError | OSError | ValueError | ModuleNotFoundError):
             said = f"{type(error).__name__}: {error}; a fault of this program, --debug shows where"
         print(f"rlihf_lib: {said}", file=sys.stderr)
         return 1
@@ -112,6 +85,28 @@ def main(argv=None) -> int:
         print("\ninterrupted; the same command goes on from here", file=sys.stderr)
         return 143 if isinstance(stopped, Terminated) else 130
     return 0
+
+
+def _run(argv):
+    command = parser()
+    options = command.parse_args(argv)
+    if not NOTEBOOKS.is_dir():
+        raise FileNotFoundError(
+            f"installed without its notebooks ({NOTEBOOKS} is missing), which do the work; clone "
+            "the repository and run the command there"
+        )
+    try:
+        study = _study(options)
+        steps = select([name for item in options.only for name in item.split(",")], study)
+        if study.is_table:
+            study.p_error()  # before anything is trained
+    except (OSError, ValueError) as error:
+        command.error(str(error))
+    if options.list:
+        _print_status(study, options.workers)
+    else:
+        regenerate(study, steps, options.workers, options.recompute)
+        print(f"figures: {study.figures}\nresults: {study.results}")
 
 
 def _study(options):

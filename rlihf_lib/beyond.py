@@ -13,7 +13,7 @@ from scipy.special import expit, logit
 
 from rlihf_lib.eeg.loso import load_decoder
 from rlihf_lib.eeg.tiring import PARTS, session_table
-from rlihf_lib.files import write_csv
+from rlihf_lib.files import check_sums, write_csv, write_sums
 from rlihf_lib.profiles import Profile
 from rlihf_lib.report.evaluations import load_runs, phase_scores
 from rlihf_lib.rl import forms
@@ -66,11 +66,12 @@ class Beyond:
         """p(error) over a session in which the person tires; only simulated people can."""
         if self.study.eeg != "simulated":
             return None
-        path = self.runs.parent / "session.csv"
-        if not path.is_file():
+        folder = self.runs.parent
+        if not check_sums(folder):
             decoder = load_decoder(self.study.decoder, self.person)
-            write_csv(path, session_table(self.person, decoder))
-        return read_table(path)
+            write_csv(folder / "session.csv", session_table(self.person, decoder))
+            write_sums(folder, ["session.csv"])
+        return read_table(folder / "session.csv")
 
     def cases(self, experiment: str) -> dict[str, list[RunConfig]]:
         """Runs of one of `EXPERIMENTS` by case, the case that others are compared with first."""

@@ -1,6 +1,7 @@
 """Write files so that a killed run or a full disk never leaves half a file behind."""
 
 import fcntl
+import glob
 import hashlib
 import json
 import os
@@ -9,13 +10,14 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
 import platformdirs
 
 SUMS = "SHA256SUMS"  # of the other files of a folder, as `sha256sum -c` reads it
+ABANDONED = 3600  # s after which nobody still writes a file that is half written
 RESULTS = (".csv", ".json", ".safetensors")  # files that no folder with `SUMS` holds unnamed
 
 
@@ -36,23 +38,32 @@ def atomic_path(path) -> Iterator[Path]:
     """Give a temporary path beside `path`; rename it to `path` when the block succeeds.
 
     Its folder is created. If it cannot be written to or the disk is full, an OSError says so, and
-    an earlier `path` stays as it was.
+    an earlier `path` stays as it was. What was left of it an hour ago, half written, is removed.
     """
     path = Path(path)
     make_folder(path.parent)
+    for left in path.parent.glob(f".{glob.escape(path.stem)}.*.partial{path.suffix}"):
+        with suppress(FileNotFoundError):  # another process may be as tidy
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                left.unlink()
     # The suffix stays last because libraries choose the format by it.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
         yield temporary
         os.replace(temporary, path)
     except OSError as error:
-        # NumPy, which tells how many bytes it wrote, has no strerror.
-        raise OSError(
-            f"cannot write {path} ({error.strerror or error}); is the disk full or read-only? Make "
-            "room, or choose another folder: --out for results, RLIHF_CACHE for recordings"
-        ) from error
+        raise cannot_write(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def cannot_write(path, error: OSError) -> OSError:
+    """Say what to do if a file or folder cannot be written."""
+    # NumPy, which tells how many bytes it wrote, has no strerror.
+    return OSError(
+        f"cannot write {path} ({error.strerror or error}); is the disk full or read-only? Make "
+        "room, or choose another folder: --out for results, RLIHF_CACHE for recordings"
+    )
 
 
 def make_folder(folder: Path) -> None:
@@ -158,7 +169,7 @@ def check_sums(folder, may_lack=()) -> bool:
     known = {name or SUMS: digest for digest, _, name in (line.partition("  ") for line in lines)}
     results = (path.name for path in folder.glob("[!.]*") if path.suffix in RESULTS)
     for name in (*known, *sorted(results)):
-        path = folder / name
+        path = Path(os.path.normpath(folder / name))
         there = path.is_file()
         if (there and sha256(path) != known.get(name)) or not (there or name in may_lack):
             raise ValueError(

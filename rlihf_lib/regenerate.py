@@ -1,5 +1,6 @@
 """Execute the notebooks in order through papermill."""
 
+import errno
 import os
 import sys
 import tempfile
@@ -9,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rlihf_lib import progress
-from rlihf_lib.files import cache_dir, one_at_a_time, write_text
+from rlihf_lib.files import cache_dir, cannot_write, one_at_a_time, write_text
 from rlihf_lib.parallel import in_processes
 from rlihf_lib.study import REPOSITORY, Study
 
@@ -42,6 +43,8 @@ STEPS = (
 FROM_EEG = ("01_dataset_preprocessing", "02_loso_decoder")
 #: Notebooks that read epochs: they need to know how events are named, and what to leave out.
 READ_EPOCHS = (*FROM_EEG, "03_policy_training")
+TRAIN = ("03_policy_training", "05_whf_ablation")
+READ_RUNS = ("04_metrics_tables", "06_beyond_the_paper")  # that 03 has trained
 #: Variable and folder of what libraries would else keep at home or beside their code.
 CACHES = {
     "MPLCONFIGDIR": "matplotlib", "NUMBA_CACHE_DIR": "numba", "MESA_SHADER_CACHE_DIR": "mesa",
@@ -75,19 +78,31 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
 
     On `workers` processes, 0 = one per core; notebooks that only draw are executed side by side.
     Before anything is computed, an OSError says if a folder cannot be written to (results, cache,
-    temporary files) or p(error) is neither there nor made, a ValueError if a notebook lacks a
-    parameter or a folder has too few people; then a NotebookError if a cell raises.
+    temporary files), a cluster doesn't answer, or p(error) or runs are neither there nor made, a
+    ValueError if a notebook lacks a parameter or a folder has too few people; then a NotebookError
+    if a cell raises.
     """
     names = {step.notebook for step in steps}
     _check_writable(study)
-    if study.is_folder and "02_loso_decoder" in names and len(people := study.subjects()) < 3:
+    if study.is_folder and names & {*FROM_EEG} and len(people := study.subjects()) < 3:
         raise ValueError(
             f"{study.eeg} holds recordings of {len(people)} ({', '.join(people)}), decoders need "
             "three people, one each to train, validate and test; add some, or look at what is "
-            "there with --only 01"
+            "there with --list"
         )
     if names.difference(FROM_EEG) and "02_loso_decoder" not in names:
         study.p_error()  # which policies need; not after hours of those that don't
+    if names & {*TRAIN} and os.environ.get("DASK_SCHEDULER_ADDRESS"):
+        from rlihf_lib.rl.sweep import check_cluster  # imports Dask, so only when needed
+
+        check_cluster()
+    if (reading := sorted(names & {*READ_RUNS})) and TRAIN[0] not in names:
+        rows = study.status()
+        if missing := rows.loc[rows["stage"].str.startswith(TRAIN[0]), "missing"].sum():
+            raise FileNotFoundError(
+                f"{missing} runs of {study.runs} that {' and '.join(reading)} would read are "
+                f"missing; train them, too: --only 03 {' '.join(name[:2] for name in reading)}"
+            )
     jobs = []
     for step in steps:
         notebook = NOTEBOOKS / f"{step.notebook}.ipynb"
@@ -169,6 +184,10 @@ def execute(notebook: Path, output: Path, parameters, bars=True) -> None:
                 f"  {error.ename}: {last_line}\n"
                 f"  executed copy: {output}"
             ) from error
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                raise cannot_write(output, error) from error
+            raise
         except DeadKernelError as error:
             raise NotebookError(
                 f"the kernel of notebook {notebook.name} died; was it killed for want of memory?\n"
@@ -230,6 +249,8 @@ def _shown(title, bars):
         before = dict(os.environ)
         # The kernel's, too, which so heeds and leaves nothing in the reader's home folder.
         caches = {variable: str(cache_dir() / name) for variable, name in CACHES.items()}
+        if not _is_private(Path(caches["NUMBA_CACHE_DIR"])):
+            caches["NUMBA_CACHE_DIR"] = folder
         os.environ |= caches | before | {progress.VARIABLE: str(path), "IPYTHONDIR": folder}
         say("started")
         watcher.start()
@@ -241,6 +262,14 @@ def _shown(title, bars):
             watcher.join()
             os.environ.clear()
             os.environ |= before
+
+
+def _is_private(folder):
+    """Whether nobody else can put code there, which Numba unpickles; a new one is made so."""
+    if not folder.exists():
+        folder.mkdir(mode=0o700, parents=True)
+    told = folder.stat()
+    return told.st_uid == os.getuid() and not told.st_mode & 0o022
 
 
 def _check_writable(study):

@@ -65,15 +65,22 @@ def contents(folder) -> dict[str, bytes]:
 def start(folder, workers=2, **environment) -> subprocess.Popen:
     """Begin the work as a user does, in a process of its own."""
     command = [sys.executable, "-m", "tests.campaign", "--work", str(folder), str(workers)]
-    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-    environment = os.environ | environment
-    return subprocess.Popen(command, start_new_session=True, env=environment, **pipes)
+    # A file, not a pipe: who waits for the end of a pipe waits for orphans that hold it.
+    said = tempfile.TemporaryFile("w+")
+    process = subprocess.Popen(
+        command, start_new_session=True, env=os.environ | environment,
+        stdout=subprocess.DEVNULL, stderr=said,
+    )  # fmt: skip
+    process.said = said
+    return process
 
 
 def finish(process) -> tuple[int, str]:
     """Wait for work; return its exit status and the last line it said."""
-    said = process.communicate(timeout=LIMIT)[1].strip().splitlines()
-    return process.returncode, said[-1] if said else ""
+    code = process.wait(LIMIT)
+    process.said.seek(0)
+    lines = process.said.read().strip().splitlines()
+    return code, lines[-1] if lines else ""
 
 
 def family(process) -> list[psutil.Process]:
@@ -117,7 +124,7 @@ def edited(folder, process, rng):
     """A byte of a result changed; the command must name the file."""
     finish(process)
     files = [p for p in folder.rglob("*.*") if p.suffix in (".csv", ".json", ".safetensors")]
-    path = rng.choice([p for p in files if "folds" in p.parts or "runs" in p.parts])
+    path = rng.choice([p for p in files if {"folds", "weights", "runs"} & {*p.parts}])
     whole = path.read_bytes()
     at = rng.randrange(len(whole))
     path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
@@ -127,7 +134,10 @@ def edited(folder, process, rng):
 
 
 def starved(folder, process, rng):
-    """A disk that is full; the command must name the place, and go on once there is room."""
+    """A disk that is full; the command must name the place, and go on once there is room.
+
+    False where none can be had.
+    """
     finish(process)
     shutil.rmtree(folder)
     folder.mkdir()
@@ -135,7 +145,7 @@ def starved(folder, process, rng):
     if subprocess.run(
         ["mount", "-t", "tmpfs", "-o", f"size={4 * size}k", "full", folder]
     ).returncode:
-        return
+        return False
     try:
         code, said = finish(start(folder))
         assert code == 0 or (code == 1 and str(folder) in said and "full" in said), said
@@ -148,6 +158,7 @@ def starved(folder, process, rng):
         subprocess.run(["umount", folder], check=True)
     shutil.rmtree(folder)
     saved.rename(folder)
+    return True
 
 
 ATTACKS = (killed, all_killed, worker_killed, terminated, doubled, edited, starved)
@@ -160,7 +171,7 @@ class Tally:
     tried: int = 0
     refused: int = 0  # to go on without being told what was wrong
     different: int = 0
-    left: int = 0  # half-written files
+    left: int = 0  # half-written files and folders
     orphans: int = 0
     hangs: int = 0
 
@@ -172,15 +183,15 @@ def attack(kind, seconds, expected, rng, place) -> Counter:
     try:
         time.sleep(rng.uniform(0, seconds))
         below = family(process)
-        kind(folder, process, rng)
-        process.communicate(timeout=LIMIT)
+        wrong["tried"] = int(kind(folder, process, rng) is not False)
+        process.wait(LIMIT)
         wrong["orphans"] += len(psutil.wait_procs(below, timeout=GRACE)[1])
         code, said = finish(start(folder))
         if code:
             print(f"{kind.__name__}: the same command again said: {said}", file=sys.stderr)
             wrong["refused"] += 1
         found = contents(folder)
-        wrong["left"] += sum(".partial" in name for name in found)
+        wrong["left"] += len(list(folder.rglob("*.partial*")))
         if changed := {
             n for n in found.keys() | expected.keys() if found.get(n) != expected.get(n)
         }:

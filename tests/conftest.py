@@ -1,6 +1,9 @@
 """Tests run side by side (pytest-xdist), a file on one worker, those that take longest first."""
 
 import os
+import subprocess
+
+import pytest
 
 # Two threads in one process are slower than one; set before anything imports NumPy.
 for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -12,8 +15,23 @@ LONGEST_FIRST = (
     "test_incentives.py",
     "test_golden.py",
     "test_sweep.py",
-    "test_own_epochs.py",
 )
+
+
+@pytest.fixture
+def full_disk(tmp_path):
+    """A disk of a page of 4 KiB, and what gives it another size in pages."""
+    disk = tmp_path / "full"
+    disk.mkdir()
+
+    def mount(pages, *options):
+        command = ["mount", "-t", "tmpfs", "-o", ",".join([f"size={4 * pages}k", *options])]
+        return subprocess.run([*command, "full", disk], stderr=subprocess.DEVNULL).returncode
+
+    if mount(1):
+        pytest.skip("only root may mount a small disk")
+    yield disk, lambda pages: mount(pages, "remount")
+    subprocess.run(["umount", disk], check=True)
 
 
 def pytest_collection_modifyitems(items):

@@ -44,13 +44,13 @@ rl/rewards | np.exp(-moment.deviation / NEAR_PATH) | np.exp(-moment.deviation)
 rl/rewards | EVALUATED_COLLISION * moment.collided | 0.0 * moment.collided
 rl/observer | SURE_PROGRESS = 0.015 | SURE_PROGRESS = 0.03
 rl/observer | UNEASY_CLEARANCE = 0.02 | UNEASY_CLEARANCE = 0.0
-rl/observer | return 1.0 - progress * comfort(moment.clearance) | return 1.0 - progress
+rl/observer | return 1.0 - progress(moment) * comfort(moment.clearance) | return 1.0 - progress(moment)
 rl/observer | if moment.lost or moment.collided: | if moment.lost:
 rl/observer | self._rng.random() < self.looks_wrong | self._rng.random() > self.looks_wrong
-rl/observer | rows = self._rows[wrong] | rows = self._rows[0]
+rl/observer | now[wrong][[ | now[0][[
 rl/timing | return [(self._now if credit == "arrival" else event, interval)] | return [(self._now, interval)]
 rl/timing | range(max(event - interval + 1, first), event + 1) | range(event - interval + 1, event + 1)
-rl/timing | share * (errp_reward(p_error) - self._paid[step]) | share * errp_reward(p_error)
+rl/timing | share * (answer - self._paid[step]) | share * answer
 rl/feedback | rows["p_error"].mean() | rows["p_error"].median()
 rl/feedback | evidence + logit(prior)) | evidence)
 rl/evaluation | PLACED * (env.horizon - metrics["steps"]) * metrics["success"] | PLACED * metrics["success"]
@@ -64,12 +64,12 @@ report/statistics | trim_mean(values, 0.25, axis=axis) | trim_mean(values, 0.1, 
 report/statistics | np.sqrt(n / (n - 1)) * | 1.0 *
 report/statistics | MIN_UNITS = 5 | MIN_UNITS = 3
 report/statistics | + 0.5 * (a == b) | + 0.0 * (a == b)
-report/statistics | np.arange(len(p), 0, -1) | len(p)
+report/statistics | np.arange(n, n - len(p), -1) | n
 report/statistics | low = permutation_test(first + margin, | low = permutation_test(first - margin,
 report/statistics | return float(p if paired else max(p, welch(*samples).pvalue)), smallest | return float(p), smallest
 report/statistics | smallest = _smallest(2**n if paired else comb(n + m, n), sides) | smallest = 0.0
 report/evaluations | np.ceil(3 * runs["step"] / runs["step"].max()) | np.floor(3 * runs["step"] / runs["step"].max())
-report/evaluations | runs[runs["phase"] == "Late"] | runs[runs["phase"] != "Early"]
+report/evaluations | == phase | <= phase
 eeg/splits | pool = subjects[position + 1 :] + subjects[:position] | pool = subjects[position:] + subjects[:position]
 eeg/splits | if s not in self.validation[network] | if True
 eeg/splits | pool[(network * size + i) % len(pool)] | pool[i % len(pool)]

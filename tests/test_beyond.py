@@ -1,8 +1,10 @@
 """Experiments beyond the paper: one thing is varied, all else stays the study's."""
 
 import dataclasses
+import shutil
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rlihf_lib.beyond import EXPERIMENTS, PRIOR, Beyond
@@ -17,6 +19,17 @@ from tests.rl.conftest import moment
 @pytest.fixture(scope="module")
 def beyond():
     return Beyond(Study())
+
+
+def test_a_session_that_was_edited_is_not_believed(beyond, tmp_path):
+    study = Study(out=tmp_path)
+    shutil.copytree(beyond.study.decoder, study.decoder)
+    shutil.copytree(beyond.runs.parent, study.results / "beyond", ignore=lambda *_: ["runs"])
+    pd.testing.assert_frame_equal(Beyond(study).p_error, beyond.p_error)
+    path = study.results / "beyond" / "session.csv"
+    path.write_text(path.read_text().replace("0.", "0.1", 1))
+    with pytest.raises(ValueError, match=r"session.csv is not what was written"):
+        Beyond(study)
 
 
 def test_experiments_are_of_sixty_thousand_steps_and_three_seeds(beyond):

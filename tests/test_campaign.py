@@ -1,4 +1,4 @@
-"""Two minutes of the campaign against the store of results (`python -m tests.campaign`)."""
+"""A round of the campaign against the store of results (`python -m tests.campaign`)."""
 
 import os
 
@@ -13,8 +13,9 @@ LATER = 2**32  # s, in the year 2106
 
 
 def test_nothing_is_lost_whatever_is_killed_edited_or_full():
-    tally = campaign(minutes=2, seed=1)
-    assert tally["tried"].sum() >= 1
+    tally = campaign(rounds=1, seed=1)
+    tried = tally["tried"] if os.getuid() == 0 else tally["tried"].drop("starved")  # mounts a disk
+    assert (tried == 1).all()
     assert not tally.drop(columns="tried").any(axis=None), f"\n{tally}"
 
 

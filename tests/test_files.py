@@ -87,6 +87,16 @@ def test_a_write_that_fails_leaves_the_file_as_it_was(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["table.csv"] and path.read_text() == "whole"
 
 
+def test_what_was_left_half_written_goes_when_nobody_can_be_at_it_any_more(tmp_path):
+    for pid, age in ((1, 7200), (2, 60)):
+        left = tmp_path / f".table.{pid}.partial.csv"
+        left.write_text("half")
+        os.utime(left, (time.time() - age,) * 2)
+    with atomic_path(tmp_path / "table.csv") as temporary:
+        temporary.write_text("whole")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".table.2.partial.csv", "table.csv"]
+
+
 def test_sums_name_what_has_changed_and_what_is_gone(tmp_path):
     assert not check_sums(tmp_path)
     for name in ("a", "b"):

@@ -17,7 +17,7 @@ import nbformat
 import psutil
 import pytest
 
-from rlihf_lib.regenerate import NOTEBOOKS
+from rlihf_lib.regenerate import NOTEBOOKS, execute
 from rlihf_lib.study import Study
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -157,6 +157,7 @@ def test_run_all_and_a_moved_slider(opened, lab):
     for cell in saved(page, root / "05.ipynb"):
         for output in cell.outputs:
             assert output.output_type != "error" and output.get("name") != "stderr", cell.source
+    _require_what_papermill_makes(root)
     slider = page.locator(".widget-slider .noUi-handle, .widget-dropdown select").first
     slider.scroll_into_view_if_needed()
     cell = page.locator(".jp-CodeCell", has=slider)
@@ -170,6 +171,20 @@ def test_run_all_and_a_moved_slider(opened, lab):
         time.sleep(0.2)
     keep(page, root, "slider-after")
     assert picture.get_attribute("src") != before, "the picture has not followed the control"
+
+
+def _require_what_papermill_makes(root):
+    study, other = Study(out=root / "out"), Study(out=root / "other")
+    for name in ("decoder", "runs"):
+        shutil.copytree(study.results / name, other.results / name)
+    notebook = NOTEBOOKS / "05_whf_ablation.ipynb"
+    execute(notebook, root / "papermill.ipynb", {"out": str(other.out)})
+    for kind in ("figures", "tables"):
+        first, second = (
+            {path.name: path.read_bytes() for path in getattr(one, kind).iterdir()}
+            for one in (study, other)
+        )
+        assert len(first) > 3 and first == second, kind
 
 
 def test_the_stop_button_ends_workers_within_seconds(opened, lab):

@@ -5,6 +5,7 @@ import io
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import mne
 import numpy as np
@@ -138,6 +139,17 @@ def test_a_moment_is_asked_once(monkeypatch):
     assert [person(epoch) for epoch in range(100)] == [0.1] * 100
     time.sleep(0.25)
     assert person(0) == 0.2 and len(asked) == 2
+
+
+def test_a_fault_in_live_decoding_is_a_sentence_unless_one_looks_for_it(monkeypatch, capsys):
+    def fault(_):
+        raise RuntimeError("the stream is gone")
+
+    monkeypatch.setitem(sys.modules, "rlihf_lib.eeg.lsl", SimpleNamespace(main=fault))
+    assert main(["live"]) == 1
+    assert capsys.readouterr().err == "rlihf_lib: the stream is gone\n"
+    with pytest.raises(RuntimeError):
+        main(["live", "--debug"])
 
 
 def test_without_mne_lsl_the_command_says_what_to_install(monkeypatch, capsys):

@@ -87,12 +87,14 @@ def smoke(tmp_path_factory):
     """All notebooks, from nothing, by the command a user types; takes minutes, so it runs once."""
     out = tmp_path_factory.mktemp("smoke")
     command = [sys.executable, "-m", "rlihf_lib", "--profile", "smoke", "--out", str(out)]
-    for name in ("home", "temporary"):
+    for name in ("home", "temporary", "here"):
         (out / name).mkdir()
     places = {"RLIHF_CACHE": "cache", "HOME": "home", "TMPDIR": "temporary"}
     environment = {**os.environ, **{key: str(out / name) for key, name in places.items()}}
     before = held(REPOSITORY)
-    result = subprocess.run(command, capture_output=True, text=True, env=environment)
+    result = subprocess.run(
+        command, capture_output=True, text=True, env=environment, cwd=out / "here"
+    )
     assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-4000:]
     assert held(REPOSITORY) == before
     return Study("smoke", out=out), result
@@ -107,11 +109,11 @@ def held(folder):
 
 def test_nothing_is_written_outside_out_the_cache_and_temporary_files(smoke):
     study, _ = smoke
-    assert not [*(study.out / "home").iterdir()]
+    assert not [*(study.out / "home").iterdir(), *(study.out / "here").iterdir()]
     left = {path.name.split("_")[0] for path in (study.out / "temporary").iterdir()}
     assert left <= {"dask-scratch-space", "torchinductor"}, "theirs, and empty"
     assert {path.name for path in study.out.iterdir()} == {
-        "results", "figures", "cache", "home", "temporary"
+        "results", "figures", "cache", "home", "temporary", "here"
     }  # fmt: skip
 
 

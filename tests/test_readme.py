@@ -2,8 +2,11 @@
 
 import json
 import re
+import tomllib
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from rlihf_lib.__main__ import parser
 from rlihf_lib.report.saving import stale
@@ -23,6 +26,22 @@ LINKS = [
     for page in DOCUMENTS
     for target in re.findall(r"\]\(([^)]+)\)", (REPOSITORY / page).read_text(encoding="utf-8"))
 ]
+
+
+def test_every_dependency_is_locked_with_its_hash_at_a_version_that_is_allowed():
+    with (REPOSITORY / "pyproject.toml").open("rb") as file:
+        project = tomllib.load(file)["project"]
+    lines = (REPOSITORY / ".ci/lock-linux-x86_64-py311.txt").read_text().splitlines()
+    locked = {}
+    for line in lines[3:]:
+        requirement, digest = line.split(" --hash=sha256:")
+        name, version = requirement.split("==")
+        assert len(digest) == 64
+        locked[canonicalize_name(name)] = version
+    for text in (*project["dependencies"], *project["optional-dependencies"]["dev"]):
+        wanted = Requirement(text)
+        version = locked[canonicalize_name(wanted.name)]
+        assert wanted.specifier.contains(version), f"{text}, but {version} is locked"
 
 
 @pytest.mark.parametrize(("page", "target"), sorted(set(LINKS)))

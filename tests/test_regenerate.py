@@ -16,7 +16,7 @@ from rlihf_lib import regenerate
 from rlihf_lib.__main__ import main
 from rlihf_lib.regenerate import NotebookError, check_parameters, execute, select
 from rlihf_lib.rl.runs import write_run
-from rlihf_lib.study import Study
+from rlihf_lib.study import REPOSITORY, Study
 
 
 @pytest.fixture
@@ -64,6 +64,22 @@ def test_feedback_that_is_missing_is_said_before_anything_is_trained(tmp_path, c
     assert "p_error.csv does not exist yet; run notebook 02" in capsys.readouterr().err
 
 
+def test_runs_that_are_missing_are_said_before_anything_is_decoded(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+    assert main(["--profile", "smoke", "--out", str(tmp_path), "--only", "02", "04"]) == 1
+    said = capsys.readouterr().err
+    assert "7 runs of" in said and "would read are missing; train them, too: --only 03 04" in said
+
+
+def test_a_cluster_that_does_not_answer_is_said_before_any_work(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+    monkeypatch.setattr("rlihf_lib.rl.sweep.ANSWER", 0.5)
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "tcp://127.0.0.1:9")
+    assert main(["--profile", "smoke", "--out", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert "no Dask scheduler answers at DASK_SCHEDULER_ADDRESS=tcp://127.0.0.1:9" in said
+
+
 def test_only_accepts_numbers_and_names():
     assert [step.title for step in select(["4", "03_policy_training"], Study("smoke"))] == [
         "03_policy_training-sparse",
@@ -99,19 +115,20 @@ def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(
     assert main([*where, *options]) == 1 and not given
     said = capsys.readouterr().err
     assert "mine holds recordings of 2 (01, 02), decoders need three people" in said
+    assert main([*where, *options, "--only", "01"]) == 1 and not given
     (tmp_path / "mine" / "sub-03_epo.fif").write_text("03")
-    assert main([*where, *options, "--only", "01", "02", "04"]) == 0
+    assert main([*where, *options, "--only", "01", "02", "05"]) == 0
     dropped = {name: parameters.get("drop_channels") for name, parameters in given.items()}
     assert dropped == {
         "01_dataset_preprocessing": ["label", "STI 014"],
         "02_loso_decoder": ["label", "STI 014"],
-        "04_metrics_tables": None,
+        "05_whf_ablation": None,
     }
     events = {name: parameters.get("events") for name, parameters in given.items()}
     assert events == {
         "01_dataset_preprocessing": ["hit", "miss"],
         "02_loso_decoder": ["hit", "miss"],
-        "04_metrics_tables": None,
+        "05_whf_ablation": None,
     }
 
 
@@ -198,7 +215,8 @@ def test_notebooks_that_only_draw_are_executed_side_by_side(notebook, tmp_path, 
         notebook(PARAMETERS, MEET.format(me=me, other=other)).rename(tmp_path / f"{me}.ipynb")
     monkeypatch.setattr(regenerate, "NOTEBOOKS", tmp_path)
     monkeypatch.setattr(Study, "p_error", lambda self: None)
-    monkeypatch.setattr(Study, "status", lambda self: pd.DataFrame({"missing": [0, 0]}))
+    status = pd.DataFrame({"stage": ["03_policy_training dense"], "missing": [0]})
+    monkeypatch.setattr(Study, "status", lambda self: status)
     study = Study("smoke", out=tmp_path)
     regenerate.regenerate(study, select(["04", "05"], study), workers=2)
     assert {path.stem for path in study.notebooks.iterdir()} == set(names)
@@ -236,6 +254,43 @@ def test_a_kernel_heeds_and_leaves_nothing_at_home(notebook, tmp_path, monkeypat
     execute(path, tmp_path / "out.ipynb", {})
     assert {*(tmp_path / "home").rglob("*")} == before and "MPLCONFIGDIR" not in os.environ
     assert list((tmp_path / "cache/matplotlib").glob("fontlist*"))
+
+
+def test_compiled_code_is_taken_from_where_only_its_user_can_write(notebook, tmp_path, monkeypatch):
+    monkeypatch.setenv("RLIHF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    path = notebook("m = 1", "import os; print(os.environ['NUMBA_CACHE_DIR'])")
+
+    def place():
+        execute(path, tmp_path / "out.ipynb", {})
+        return nbformat.read(tmp_path / "out.ipynb", 4).cells[-1].outputs[0].text.strip()
+
+    numba = tmp_path / "cache" / "numba"
+    assert place() == str(numba) and numba.stat().st_mode & 0o077 == 0
+    numba.chmod(0o777)
+    assert not place().startswith(str(tmp_path))
+
+
+def test_nothing_of_ours_unpickles():
+    sources = "\n".join(path.read_text() for path in (REPOSITORY / "rlihf_lib").rglob("*.py"))
+    for word in ("import pickle", "allow_pickle", "torch.load(", "read_pickle", "joblib"):
+        assert word not in sources
+
+
+def test_a_disk_that_fills_up_under_a_copy_is_named(notebook, full_disk):
+    disk, _ = full_disk
+    path = notebook("n = 1", "print('x' * 2**16)")
+    with pytest.raises(OSError, match=r"cannot write .*out.ipynb .* another folder: --out"):
+        execute(path, disk / "out.ipynb", {})
+
+
+def test_full_places_are_named_before_any_work(full_disk, tmp_path, monkeypatch, capsys):
+    disk, _ = full_disk
+    (disk / "filled").write_bytes(bytes(4096))
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(disk))
+    assert main(["--profile", "smoke", "--out", str(tmp_path / "out"), "--only", "01"]) == 1
+    assert f"cannot write to {disk} (No space left" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("variable", ["RLIHF_CACHE", "TMPDIR"])

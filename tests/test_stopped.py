@@ -12,6 +12,7 @@ import psutil
 import pytest
 
 from rlihf_lib.study import REPOSITORY
+from tests.campaign import contents, finish, start
 
 NAMES = ("profile", "eeg", "out", "workers", "recompute", "ship")
 PARAMETERS = "\n".join(f"{name} = None" for name in NAMES)
@@ -25,8 +26,8 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what runs behind a shell
     regenerate.NOTEBOOKS = Path()
     Study.p_error = lambda self: None
-    if sys.argv[1] == "side by side":
-        Study.status = lambda *_: __import__("pandas").DataFrame({"missing": [0]})
+    missing = {"stage": ["05"], "missing": [sys.argv[1] != "side by side"]}
+    Study.status = lambda *_: __import__("pandas").DataFrame(missing)
     sys.exit(main(["--profile", "smoke", "--out", "out", "--workers", "2", "--only", "04", "05"]))
 """
 #: What a notebook is at when the signal comes, and the processes it has then.
@@ -45,6 +46,7 @@ PHASES = {
     ),
     "side by side": ("import time\ntime.sleep(1000)", 4),
 }
+WORK = "from pathlib import Path\nfrom tests.campaign import work\nwork(Path('done'))", 5
 
 
 def is_kernel(process):
@@ -57,7 +59,7 @@ def begun(tmp_path):
     processes = []
 
     def begin(phase):
-        source, least = PHASES[phase]
+        source, least = PHASES.get(phase, WORK)
         cells = [nbformat.v4.new_code_cell(text) for text in (PARAMETERS, source)]
         cells[0].metadata["tags"] = ["parameters"]
         kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
@@ -122,3 +124,14 @@ def test_a_kernel_that_is_killed_is_named_in_one_sentence(begun, tmp_path):
     copy = tmp_path / "out/results/smoke-simulated/notebooks/04_metrics_tables.ipynb"
     assert lines[-1] == f"  executed copy, as far as it came: {copy}"
     assert not psutil.wait_procs(family, timeout=10)[1], "workers outlive their kernel"
+
+
+def test_work_whose_kernel_was_killed_is_the_same_when_it_is_done_again(begun, tmp_path):
+    command, family = begun("at work")
+    next(filter(is_kernel, family)).kill()
+    assert command.wait(60) == 1 and not psutil.wait_procs(family, timeout=10)[1]
+    again = subprocess.run([sys.executable, "command.py", "at work"], cwd=tmp_path)
+    assert again.returncode == 0
+    whole = tmp_path / "whole"
+    assert finish(start(whole))[0] == 0
+    assert contents(tmp_path / "done") == contents(whole)

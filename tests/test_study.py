@@ -149,11 +149,14 @@ def test_decoding_that_was_interrupted_or_edited_is_not_believed(tmp_path):
     study = Study("smoke", out=tmp_path)
     write_decoder(study, [0.9, 0.7, 0.8])
     assert study.status()["done"][0] == 3
-    path = study.decoder / "p_error.csv"
-    path.write_text(path.read_text().replace("0.5", "0.6", 1))
-    for read in (study.p_error, study.scores, study.status):
-        with pytest.raises(ValueError, match=r"p_error.csv is not what was written"):
-            read()
+    for name in ("p_error.csv", "scores.csv"):
+        path = study.decoder / name
+        whole = path.read_text()
+        path.write_text(whole[:-2])
+        for read in (study.p_error, study.scores, study.status):
+            with pytest.raises(ValueError, match=rf"{name} is not what was written"):
+                read()
+        path.write_text(whole)
     # Killed between two tables: each is whole, but they may be of different people.
     (study.decoder / "SHA256SUMS").unlink()
     with pytest.raises(FileNotFoundError, match="run notebook 02"):

@@ -33,8 +33,8 @@ from rlihf_lib.parallel import in_processes
 from rlihf_lib.progress import Progress
 
 SWAPPED = 0.25  # AUROC of a person below which the labels, not the brain, are to be doubted
+CHANCE = 0.1  # p of an AUROC above which a person is warned of
 TABLES = ("p_error", "training", "scores")  # the last is what `run_loso` returns
-_FOLD = ("fold.json", *(f"{name}.csv" for name in TABLES))  # files of a finished fold
 _VERSION = 1  # raise when the method changes in anything but its settings
 _FOLDS_PER_WORKER = 3  # at least: starting a process costs about as much as a small fold
 
@@ -78,7 +78,7 @@ def run_loso(cohort, folder, settings=DEFAULTS, workers=0, recompute=False) -> p
 
     A ValueError names the subject that cannot be decoded (channels, rates, NaN, classes), or the
     channel that alone tells the classes apart (`channels.refuse_leaks`), and a remedy. Who is
-    decoded the wrong way round is warned of by name.
+    decoded the wrong way round, or no better than by chance, is warned of by name.
 
     Parameters
     ----------
@@ -132,10 +132,13 @@ def _run_folds(cohort, folder, settings, workers, recompute):
     write_text(folder / "config.json", json.dumps(config, indent=1) + "\n")
     names = ["config.json", *(f"{name}.csv" for name in TABLES), *map(_weights, subjects)]
     write_sums(folder, names)
-    for _, row in merged[merged["auroc"] < SWAPPED].iterrows():
+    for _, row in merged[merged["auroc_p"] > CHANCE].iterrows():
+        what = f"no better than chance (p = {row['auroc_p']:.2f})"
+        if row["auroc"] < SWAPPED:
+            what = "as if the two events were swapped"
         warnings.warn(
-            f"subject {row['subject']}: AUROC {row['auroc']:.2f}, as if the two events were "
-            "swapped; look at how the recording codes them",
+            f"subject {row['subject']}: AUROC {row['auroc']:.2f}, {what}; look at how the "
+            "recording codes its events",
             stacklevel=3,
         )
     return merged
@@ -154,6 +157,11 @@ def load_decoder(folder, subject) -> Decoder:
 
 def _weights(subject):
     return f"weights/{subject}.safetensors"
+
+
+def _fold_files(subject):
+    """Files of a finished fold, seen from its folder."""
+    return ["fold.json", *(f"{name}.csv" for name in TABLES), f"../../{_weights(subject)}"]
 
 
 def _conditioned(cohort, settings):
@@ -195,7 +203,7 @@ def _run_fold(cohort, input_format, settings, folder, pool, key):
     write_csv(target / "training.csv", history.assign(subject=subject))
     write_csv(target / "scores.csv", _score(decoder, validation, table, settings))
     write_text(target / "fold.json", json.dumps(key) + "\n")
-    write_sums(target, _FOLD)
+    write_sums(target, _fold_files(subject))
     return subject
 
 
@@ -240,7 +248,8 @@ def _fold_key(fold, settings, input_format, identities):
 
 def _is_done(folder, subject, key):
     target = folder / "folds" / subject
-    if not (check_sums(target) and (folder / _weights(subject)).is_file()):
+    weights = _fold_files(subject)[-1]
+    if not (check_sums(target, may_lack=[weights]) and (target / weights).is_file()):
         return False
     found = json.loads((target / "fold.json").read_text(encoding="utf-8"))
     same = [same_power(found["power"][person], power) for person, power in key["power"].items()]

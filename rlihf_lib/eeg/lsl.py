@@ -4,7 +4,6 @@
 """
 
 import argparse
-import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -218,6 +217,7 @@ def main(argv=None) -> int:
     add("--delay", type=float, default=0.0, metavar="S",
         help="by which the EEG's time stamps are later than the markers'")  # fmt: skip
     add("--out", default=OUT, metavar="NAME", help=f"stream of p(error) (default {OUT})")
+    add("--debug", action="store_true", help="where in the program an error comes from, too")
     options = parser.parse_args(argv)
     count = 0
     try:
@@ -238,9 +238,6 @@ def main(argv=None) -> int:
                 count += 1
                 said = answer.flaw and f" (the prior: {answer.flaw})"
                 _say(f"p(error) {answer.p_error:.3f} after {answer.latency:.3f} s{said}")
-    except (OSError, ValueError) as error:
-        print(f"rlihf_lib: {error}", file=sys.stderr)
-        return 1
     except KeyboardInterrupt:
         _say(f"\n{count} events answered")
         return 0

@@ -89,7 +89,10 @@ def _encode(path, pictures, seconds):
     options = f"-loglevel error {raw} {ENCODERS[path.suffix]} {BITEXACT} -y".split()
     with atomic_path(path) as temporary:
         command = [get_ffmpeg_exe(), *options, str(temporary)]
-        subprocess.run(command, input=b"".join(p.tobytes() for p in pictures), check=True)
+        frames = b"".join(picture.tobytes() for picture in pictures)
+        done = subprocess.run(command, input=frames, stderr=subprocess.PIPE)
+        if done.returncode:
+            raise OSError(f"ffmpeg: {done.stderr.decode(errors='replace').strip()[-200:]}")
 
 
 def _sheet(takes, scenes, says):

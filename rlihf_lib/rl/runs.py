@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from rlihf_lib.files import SUMS, canonical_json, check_sums, sha256, sums
+from rlihf_lib.files import SUMS, cannot_write, canonical_json, check_sums, sha256, sums
 from rlihf_lib.rl.asking import Asking
 from rlihf_lib.rl.given import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
@@ -206,9 +206,7 @@ def write_run(config: RunConfig, runs_dir: str | Path, files: Mapping[str, bytes
         shutil.rmtree(target, ignore_errors=True)
         temporary.rename(target)
     except OSError as error:
-        raise OSError(
-            error.errno, f"cannot write the run {target} ({error.strerror}); is the disk full?"
-        ) from error
+        raise cannot_write(target, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return target

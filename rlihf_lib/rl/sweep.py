@@ -19,12 +19,14 @@ from rlihf_lib.rl.feedback import check_feedback, rows_of
 from rlihf_lib.rl.runs import is_done, write_run
 
 TOPIC = "rlihf-progress"
+ANSWER = 5  # s, within which the scheduler of a cluster answers
 # Dask looks at what each worker does every 10 ms, which costs a run an eighth of its time, and at
 # itself every 20 ms.
 QUIET = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
+    "distributed.scheduler.allowed-failures": 2,
     # A laptop that slept for five minutes has not lost its workers.
     "distributed.scheduler.worker-ttl": None,
     # Nothing is served to browsers.
@@ -70,8 +72,7 @@ def run_sweep(
     Notes
     -----
     A worker that dies takes only its run with it: Dask starts another, which trains the run from
-    its beginning (four times at most; fewer would blame runs that wait beside it). Files travel
-    through Dask: workers need no common disk.
+    its beginning, twice at most. Files travel through Dask: workers need no common disk.
     On this machine they know one another by keys made for the sweep. Whoever reaches the ports of a
     cluster of your own runs code as you, unless it uses TLS, as Dask's manual explains
     (https://distributed.dask.org/en/stable/tls.html).
@@ -95,17 +96,27 @@ def _train_all(missing, n_runs, runs_dir, p_error, workers, train):
         Progress(n_runs, n_runs - len(missing), "runs") as progress,
     ):
         client.subscribe_topic(TOPIC, lambda event: progress.advance(*event[1]))
-        futures = {}
-        for position, config in enumerate(missing):
-            rows = rows_of(p_error, config.subject) if config.subject else None
-            future = client.submit(
-                _train_on_worker, config, rows, train, key=f"{config.run_id}-{config.hash[:16]}",
-                priority=-position, pure=False,
-            )  # fmt: skip
-            futures[future] = config
-        failures = []
-        for future in as_completed(futures):
-            config = futures[future]
+        waiting, running, results, failures = list(missing), {}, as_completed(), []
+
+        def begin():
+            """As many as there are threads: Dask blames what waits on a worker for its death."""
+            try:
+                threads = sum(client.nthreads().values())
+                while waiting and len(running) < max(1, threads):
+                    config = waiting[0]
+                    rows = rows_of(p_error, config.subject) if config.subject else None
+                    key = f"{config.run_id}-{config.hash[:16]}"
+                    told = {"key": key, "pure": False}
+                    future = client.submit(_train_on_worker, config, rows, train, **told)
+                    running[future] = waiting.pop(0)
+                    results.add(future)
+            except (OSError, RuntimeError) as gone:  # the scheduler, and nobody trains the rest
+                failures.extend((config, gone) for config in waiting)
+                waiting.clear()
+
+        begin()
+        for future in results:
+            config = running.pop(future)
             try:
                 # Waits for a run that is trained again, its files having died with their worker.
                 files = future.result()
@@ -115,6 +126,7 @@ def _train_all(missing, n_runs, runs_dir, p_error, workers, train):
                 write_run(config, runs_dir, files)
             progress.finished(config.run_id)
             future.release()
+            begin()
     if failures:
         config, error = failures[0]
         raise RuntimeError(
@@ -138,6 +150,18 @@ def _train_on_worker(config, p_error, train):
     return train(config, p_error, report)
 
 
+def check_cluster() -> None:
+    """Raise an OSError unless a scheduler answers at DASK_SCHEDULER_ADDRESS."""
+    address = os.environ["DASK_SCHEDULER_ADDRESS"]
+    try:
+        Client(address, timeout=ANSWER).close()
+    except (OSError, TimeoutError, ValueError) as error:
+        raise OSError(
+            f"no Dask scheduler answers at DASK_SCHEDULER_ADDRESS={address} ({error}); start it, "
+            "or unset the variable to train on this machine"
+        ) from error
+
+
 @contextlib.contextmanager
 def _client(n_workers) -> Iterator[Client]:
     """Connect to DASK_SCHEDULER_ADDRESS, or start workers on this machine."""
@@ -151,7 +175,8 @@ def _client(n_workers) -> Iterator[Client]:
         "security": Security.temporary(),
         "n_workers": n_workers,
         "threads_per_worker": 1,
-        "dashboard_address": "127.0.0.1:0",  # its default port may be taken
+        "dashboard_address": "127.0.0.1:0",  # none, but by default the port for it is everybody's
+        "scheduler_kwargs": {"dashboard": False},
         "memory_limit": 0,
         "env": ONE_THREAD,
         "silence_logs": "CRITICAL",

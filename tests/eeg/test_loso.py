@@ -73,6 +73,13 @@ def test_a_person_whose_events_are_swapped_is_warned_of_by_name(dataset, tmp_pat
     assert scores.set_index("subject")["auroc"].idxmin() == "s03"
 
 
+def test_a_person_whose_labels_are_random_is_warned_of_by_name(dataset, tmp_path):
+    random = dataset["s03"].copy()
+    random.events[:, 2] = np.random.default_rng(0).permutation(random.events[:, 2])
+    with pytest.warns(UserWarning, match=r"subject s03: AUROC 0\.[3-6]\d, no better than chance"):
+        loso.run_loso(dataset | {"s03": random}, tmp_path, SETTINGS, workers=1)
+
+
 def test_pure_noise_is_not_decoded(make_epochs, tmp_path):
     noise = {s: make_epochs(10 + i, amplitude=0.0) for i, s in enumerate(SUBJECTS)}
     scores = loso.run_loso(noise, tmp_path, SETTINGS, workers=1)
@@ -282,8 +289,10 @@ def test_results_that_were_edited_are_named_and_not_believed(finished, dataset, 
     assert contents(tmp_path / "decoder") == contents(finished)
     weights = tmp_path / "decoder" / "weights" / "s02.safetensors"
     weights.write_bytes(weights.read_bytes()[:-1] + b"x")
-    with pytest.raises(ValueError, match=r"s02.safetensors is not what was written"):
+    with pytest.raises(ValueError, match=r"decoder/weights/s02.safetensors is not what was writt"):
         loso.load_decoder(tmp_path / "decoder", "s03")
+    with pytest.raises(ValueError, match=r"s02.safetensors is not what was .*delete .*folds/s02 "):
+        loso.run_loso(dataset, tmp_path / "decoder", SETTINGS, workers=1)
 
 
 def test_the_config_says_what_was_run(finished):

@@ -12,6 +12,7 @@ import mne
 import numpy as np
 import pytest
 
+from rlihf_lib.__main__ import main
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.eegnet import half_second_architecture
 from rlihf_lib.eeg.ensemble import EEGNetBatch
@@ -246,8 +247,8 @@ def test_the_command_answers_until_ctrl_c(names, tmp_path):
 
 def test_a_decoder_of_epochs_that_no_live_stream_can_be_is_refused(tmp_path, capsys):
     make_decoder(band=None).save(tmp_path / "offline.safetensors")
-    options = ["--stream", "cap", "--trigger", "TRIG", "--events", "1"]
-    assert lsl.main([*options, "--decoder", str(tmp_path / "offline.safetensors")]) == 1
+    options = ["live", "--stream", "cap", "--trigger", "TRIG", "--events", "1"]
+    assert main([*options, "--decoder", str(tmp_path / "offline.safetensors")]) == 1
     assert "filtered forward and backward, which no live stream can be" in capsys.readouterr().err
-    assert lsl.main([*options, "--decoder", str(tmp_path / "none.safetensors")]) == 1
+    assert main([*options, "--decoder", str(tmp_path / "none.safetensors")]) == 1
     assert "none.safetensors" in capsys.readouterr().err

@@ -76,16 +76,35 @@ def test_a_broken_table_is_named_with_its_line_or_column(tmp_path):
         read_run(run, tmp_path, columns=("step", "return"))
 
 
-@pytest.mark.parametrize("name", ["config.json", "eval.csv", "actor.safetensors"])
+WHOLE = ("config.json", "provenance.json", "train.csv", "eval.csv", "actor.safetensors")
+
+
+@pytest.mark.parametrize("name", WHOLE)
 def test_a_file_that_was_changed_is_named_and_nothing_of_the_run_is_read(name, tmp_path):
     run = config()
-    folder = write_run(run, tmp_path, {**files(run, "1,1"), "actor.safetensors": b"weights"})
-    (folder / name).write_bytes(
-        (folder / name).read_bytes().replace(b"1", b"7").replace(b"w", b"v")
-    )
+    folder = write_run(run, tmp_path, dict.fromkeys(WHOLE, b"1") | files(run, "1,1"))
+    (folder / name).write_bytes((folder / name).read_bytes().replace(b"1", b"7"))
     for read in (is_done, read_run):
         with pytest.raises(ValueError, match=rf"{name} is not what was written .* restore it"):
             read(run, tmp_path)
+
+
+@pytest.mark.parametrize("cut", [1, -1])
+@pytest.mark.parametrize("name", WHOLE)
+def test_a_file_that_was_cut_is_named(name, cut, tmp_path):
+    run = config()
+    folder = write_run(run, tmp_path, dict.fromkeys(WHOLE, b"12") | files(run, "1,1\n2,0"))
+    (folder / name).write_bytes((folder / name).read_bytes()[:cut])
+    with pytest.raises(ValueError, match=rf"{name} is not what was written"):
+        is_done(run, tmp_path)
+
+
+def test_a_run_that_cannot_be_written_is_named_with_a_remedy(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(
+        OSError, match=r"cannot write .*file/rlihf-w0.7-s02-seed1 .*another folder: --out"
+    ):
+        write_run(config(), tmp_path / "file", files(config(), "1,1"))
 
 
 def test_another_runs_evaluations_are_not_taken_for_this_ones(tmp_path):

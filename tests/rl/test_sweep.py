@@ -5,15 +5,16 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import threading
 import time
+import urllib.error
+import urllib.request
 
 import dask
 import pandas as pd
 import psutil
 import pytest
-from distributed import Client, Security
+from distributed import Client, LocalCluster, Security
 
 from rlihf_lib import progress
 from rlihf_lib.rl import sweep
@@ -51,6 +52,16 @@ def train(config, p_error, progress):
     rows = f"step,return\\n0,{config.seed + mean!r}\\n"
     return {"eval.csv": rows.encode(), "config.json": recorded.encode()}
 '''
+
+
+SWEEP = """
+from fake_training import train
+from rlihf_lib.rl.runs import RunConfig
+from rlihf_lib.rl.sweep import run_sweep
+if __name__ == "__main__":
+    configs = [RunConfig("dense", seed, total_steps=10, eval_every=5) for seed in range(8)]
+    run_sweep(configs, {runs!r}, train=train, workers=2)
+"""
 
 
 @pytest.fixture
@@ -145,25 +156,29 @@ def test_a_run_that_kills_every_worker_is_named_and_the_others_are_kept(fake):
     with pytest.raises(RuntimeError, match=r"1 of 4 runs failed.*dense-seed3: KilledWorker"):
         run_sweep(configs(4), folder / "runs", train=train, workers=2)
     assert [is_done(config, folder / "runs") for config in configs(4)] == [True] * 3 + [False]
-    assert trained(folder).count("dense-seed3") == 4, "once, and three times more"
+    assert trained(folder).count("dense-seed3") == 3, "once, and twice more"
 
 
 def test_results_that_die_with_a_worker_before_they_are_fetched_are_made_again(fake, monkeypatch):
     train, folder = fake
-    for name in ("die-once", "slow"):
-        (folder / name).touch()
+    killed = []
 
     def busy(*run):
-        """Fetch nothing more until the worker that holds the results is dead, and known to be."""
-        deadline = time.monotonic() + 30
-        while len(trained(folder)) < 5 and time.monotonic() < deadline:
-            time.sleep(0.05)
+        """While the first is written, kill the workers: one of them holds the second, finished."""
+        if not killed:
+            time.sleep(2)
+            workers = psutil.Process().children(recursive=True)
+            killed.extend(p for p in workers if any("spawn_main" in word for word in p.cmdline()))
+            for worker in killed:
+                worker.kill()
+            time.sleep(2)
         write_run(*run)
 
     monkeypatch.setattr(sweep, "write_run", busy)
-    run_sweep(configs(4), folder / "runs", train=train, workers=1)
-    assert trained(folder).count("dense-seed1") == 2, "no result was lost: nothing was tested"
-    assert all(is_done(config, folder / "runs") for config in configs(4))
+    run_sweep(configs(3), folder / "runs", train=train, workers=2)
+    first, second, third = sorted(trained(folder).count(f"dense-seed{i}") for i in range(3))
+    assert (first, second, third) == (1, 1, 2), "no result was lost: nothing was tested"
+    assert all(is_done(config, folder / "runs") for config in configs(3))
 
 
 def test_a_failing_run_is_named_and_the_others_are_kept(fake):
@@ -178,19 +193,7 @@ def test_kill_9_in_the_middle_then_resume_equals_an_uninterrupted_sweep(fake):
     train, folder = fake
     (folder / "slow").touch()
     runs = folder / "killed" / "runs"
-    script = textwrap.dedent(
-        f"""
-        from pathlib import Path
-        from fake_training import train
-        from rlihf_lib.rl.runs import RunConfig
-        from rlihf_lib.rl.sweep import run_sweep
-        if __name__ == "__main__":
-            configs = [RunConfig(condition="dense", seed=i, total_steps=10, eval_every=5)
-                       for i in range(8)]
-            run_sweep(configs, Path({str(runs)!r}), train=train, workers=2)
-        """
-    )
-    (folder / "sweep_script.py").write_text(script)
+    (folder / "sweep_script.py").write_text(SWEEP.format(runs=str(runs)))
     process = subprocess.Popen(
         [sys.executable, "sweep_script.py"], cwd=folder, stdout=subprocess.DEVNULL
     )
@@ -218,9 +221,26 @@ def test_kill_9_in_the_middle_then_resume_equals_an_uninterrupted_sweep(fake):
     assert contents(runs) == contents(whole)
 
 
+def test_two_sweeps_at_once_train_no_run_twice(fake):
+    _, folder = fake
+    (folder / "slow").touch()
+    runs = folder / "runs"
+    (folder / "twice.py").write_text(SWEEP.format(runs=str(runs)))
+    both = [subprocess.Popen([sys.executable, "twice.py"], cwd=folder) for _ in range(2)]
+    assert [process.wait(120) for process in both] == [0, 0]
+    assert sorted(trained(folder)) == [config.run_id for config in configs(8)]
+    assert all(is_done(config, runs) for config in configs(8))
+
+
 def test_strangers_reach_neither_scheduler_nor_workers(fake):
     with sweep._client(1) as client:
-        addresses = [client.scheduler.address, *client.scheduler_info()["workers"]]
+        workers = client.scheduler_info()["workers"]
+        nannies = [worker["nanny"] for worker in workers.values()]
+        addresses = [client.scheduler.address, *workers, *nannies]
+        (port,) = client.scheduler_info()["services"].values() or [0]
+        for page in ("", "status", "health", "info/main/workers.html"):
+            with pytest.raises(urllib.error.URLError):
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/{page}")
         assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
         for address in addresses:
             for other in (None, Security.temporary()):
@@ -232,9 +252,22 @@ def test_strangers_reach_neither_scheduler_nor_workers(fake):
         assert len(listening) >= 3 and set(listening) == {"127.0.0.1"}
 
 
-def test_a_scheduler_named_in_the_environment_is_used(fake, monkeypatch):
-    from distributed import LocalCluster
+def test_runs_of_a_worker_that_leaves_a_cluster_go_to_another(fake, monkeypatch):
+    train, folder = fake
+    (folder / "slow").touch()
+    layout = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with LocalCluster(**layout, silence_logs="CRITICAL") as cluster, Client(cluster) as client:
+        leaving = next(iter(client.scheduler_info()["workers"]))
+        leaves = threading.Timer(1.0, client.retire_workers, [[leaving]], {"close_workers": True})
+        leaves.start()
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
+        run_sweep(configs(6), folder / "runs", train=train)
+        leaves.join()
+        assert leaving not in client.scheduler_info()["workers"]
+    assert all(is_done(config, folder / "runs") for config in configs(6))
 
+
+def test_a_scheduler_named_in_the_environment_is_used(fake, monkeypatch):
     train, folder = fake
     with LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"

@@ -9,7 +9,7 @@ import pytest
 from rlihf_lib.rl.feedback import p_error_sha256
 from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done, write_run
 from rlihf_lib.rl.sweep import run_sweep
-from rlihf_lib.rl.training import train_run
+from rlihf_lib.rl.training import processor, train_run
 
 SHORT = {"total_steps": 300, "eval_every": 150, "horizon": 60, "eval_rollouts": 2}
 SAC_SHORT = SACSettings(learning_starts=200, batch_size=64)
@@ -51,6 +51,7 @@ def test_run_folder_says_what_was_run_and_how_it_went(tmp_path):
     assert rows.groupby("step").size().to_dict() == {0: 2, 150: 2, 300: 2}
     provenance = json.loads((folder / "provenance.json").read_text())
     assert provenance["packages"]["mujoco"] and provenance["kernels"]
+    assert provenance["machine"].endswith(f" cores, {processor()}") and processor()
 
 
 def test_a_run_that_diverges_is_named_with_its_settings(tmp_path):
