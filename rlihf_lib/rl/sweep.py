@@ -7,6 +7,7 @@ skipping finished runs is also how an interrupted sweep goes on, and how shipped
 import contextlib
 import os
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import dask
@@ -91,30 +92,28 @@ def _train_all(missing, n_runs, runs_dir, p_error, workers, train):
     """Train the missing ones of so many runs; return how many."""
     if not missing:
         return 0
+    n_workers = min(workers or CPU_COUNT, len(missing))
+    # Dask blames what waits on a worker for its death. A cluster may grow by what waits.
+    at_once = len(missing) if os.environ.get("DASK_SCHEDULER_ADDRESS") else n_workers
+    failures = []
     with (
-        _client(min(workers or CPU_COUNT, len(missing))) as client,
+        _client(n_workers) as client,
         Progress(n_runs, n_runs - len(missing), "runs") as progress,
     ):
         client.subscribe_topic(TOPIC, lambda event: progress.advance(*event[1]))
-        waiting, running, results, failures = list(missing), {}, as_completed(), []
+        waiting, running, results = iter(enumerate(missing)), {}, as_completed()
 
-        def begin():
-            """As many as there are threads: Dask blames what waits on a worker for its death."""
-            try:
-                threads = sum(client.nthreads().values())
-                while waiting and len(running) < max(1, threads):
-                    config = waiting[0]
-                    rows = rows_of(p_error, config.subject) if config.subject else None
-                    key = f"{config.run_id}-{config.hash[:16]}"
-                    told = {"key": key, "pure": False}
-                    future = client.submit(_train_on_worker, config, rows, train, **told)
-                    running[future] = waiting.pop(0)
-                    results.add(future)
-            except (OSError, RuntimeError) as gone:  # the scheduler, and nobody trains the rest
-                failures.extend((config, gone) for config in waiting)
-                waiting.clear()
+        def begin(position, config):
+            rows = rows_of(p_error, config.subject) if config.subject else None
+            future = client.submit(
+                _train_on_worker, config, rows, train, key=f"{config.run_id}-{config.hash[:16]}",
+                priority=-position, pure=False,
+            )  # fmt: skip
+            running[future] = config
+            results.add(future)
 
-        begin()
+        for one in islice(waiting, at_once):
+            begin(*one)
         for future in results:
             config = running.pop(future)
             try:
@@ -126,7 +125,8 @@ def _train_all(missing, n_runs, runs_dir, p_error, workers, train):
                 write_run(config, runs_dir, files)
             progress.finished(config.run_id)
             future.release()
-            begin()
+            for one in islice(waiting, 1):
+                begin(*one)
     if failures:
         config, error = failures[0]
         raise RuntimeError(
