@@ -91,9 +91,9 @@ def mutants(only="") -> list[tuple[str, str, str]]:
 def passes(module, old="", new="") -> bool:
     """Whether the tests of a module pass, with a fault in it if one is given."""
     with tempfile.TemporaryDirectory(prefix="rlihf-mutant-") as place:
-        for name in ("rlihf_lib", "tests", "pyproject.toml"):
-            copy = shutil.copytree if (REPOSITORY / name).is_dir() else shutil.copy
-            copy(REPOSITORY / name, Path(place) / name)
+        for name in ("rlihf_lib", "tests", "results/paper-simulated/decoder"):
+            shutil.copytree(REPOSITORY / name, Path(place) / name)
+        shutil.copy(REPOSITORY / "pyproject.toml", place)
         file = Path(place) / "rlihf_lib" / f"{module}.py"
         source = file.read_text(encoding="utf-8")
         if old and source.count(old) != 1:
@@ -111,7 +111,7 @@ def main() -> None:
     command = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
     command.add_argument("--only", default="", metavar="WORD")
     tried = mutants(command.parse_args().only)
-    for module in {module for module, *_ in tried}:
+    for module in dict.fromkeys(module for module, *_ in tried):
         if not passes(module):
             sys.exit(f"the tests of {module} fail without a fault: {TESTS[module]}")
     survivors = 0
