@@ -160,7 +160,8 @@ def load_continuous(eeg, subject, settings=Preprocessing()) -> tuple[mne.io.RawA
         events["epoch"] = np.arange(len(events))
         kept = events["label"][events["status"] == "kept"]
         quality.require_classes(kept, settings.events, f"{eeg}: subject {subject}")
-    return mne.concatenate_raws(raws, verbose="error"), events[COLUMNS]
+    whole = mne.concatenate_raws(raws, verbose="error") if len(raws) > 1 else raws[0]
+    return whole, events[COLUMNS]
 
 
 def cut(raw, events, settings) -> mne.EpochsArray:
