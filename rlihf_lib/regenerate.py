@@ -266,8 +266,7 @@ def _shown(title, bars):
 
 def _is_private(folder):
     """Whether nobody else can put code there, which Numba unpickles; a new one is made so."""
-    if not folder.exists():
-        folder.mkdir(mode=0o700, parents=True)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     told = folder.stat()
     return told.st_uid == os.getuid() and not told.st_mode & 0o022
 

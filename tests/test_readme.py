@@ -19,6 +19,7 @@ DOCUMENTS = (
     ".github/CONTRIBUTING.md",
     "notebooks/README.md",
     "notebooks/choices.md",
+    "tests/README.md",
     "tests/benchmarks/README.md",
 )
 LINKS = [

@@ -42,6 +42,14 @@ def test_alignment_reward_pays_new_ground_only():
     assert paid == pytest.approx([0, 0.75, 0.75, 0, 0, 0.25, 0.75])
 
 
+def test_dense_reward_adds_to_every_step_but_the_one_that_places_the_can():
+    env = TrainingReward(PickPlaceEnv(HORIZON), "dense", DISCOUNT)
+    gained = moment(remaining=0.44, best=0.47)
+    assert env.judge(gained)[0] == pytest.approx(alignment_reward(gained)) and env.judge(gained)[0]
+    placed = moment(remaining=0.44, best=0.47, success=True)
+    assert env.judge(placed)[0] == task_reward(placed, DISCOUNT)
+
+
 def test_feedback_goes_on_after_the_can_has_fallen_or_stands_on_the_goal():
     table = pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.25, 0.75]})
     env = TrainingReward(
