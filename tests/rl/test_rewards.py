@@ -7,6 +7,7 @@ import pytest
 from rlihf_lib.rl.evaluation import rollout
 from rlihf_lib.rl.observer import Observer
 from rlihf_lib.rl.rewards import (
+    NEAR_PATH,
     PLACED,
     TrainingReward,
     alignment_reward,
@@ -97,3 +98,5 @@ def test_evaluation_reward_of_standing_still_is_zero_and_of_success_is_one():
     assert evaluation_reward(start, PATH) == 0
     assert evaluation_reward(moment(success=True, remaining=0.0), PATH) == PLACED
     assert evaluation_reward(moment(collided=True), PATH) < evaluation_reward(moment(), PATH)
+    half = moment(remaining=PATH.start_remaining / 2, deviation=NEAR_PATH)
+    assert evaluation_reward(half, PATH) == pytest.approx(0.25 / 2 * np.exp(-1))
