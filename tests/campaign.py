@@ -209,21 +209,21 @@ def attack(kind, seconds, expected, rng, place) -> Counter:
     return wrong
 
 
-def campaign(minutes=0.0, rounds=0, seed=0) -> pd.DataFrame:
+def campaign(minutes=0.0, rounds=0, seed=0, kinds=ATTACKS) -> pd.DataFrame:
     """Attack for so long, or so many times by each kind; return a `Tally` per kind of attack."""
-    rng, tallies = random.Random(seed), {kind: Counter() for kind in ATTACKS}
+    rng, tallies = random.Random(seed), {kind: Counter() for kind in kinds}
     with tempfile.TemporaryDirectory(prefix="rlihf-campaign-") as place:
         whole, started = Path(place) / "whole", time.monotonic()
         code, said = finish(start(whole))
         assert code == 0, said
         seconds, expected = time.monotonic() - started, contents(whole)
         done, until = 0, started + 60 * minutes
-        while time.monotonic() < until or done < rounds * len(ATTACKS):
-            kind = ATTACKS[done % len(ATTACKS)]
+        while time.monotonic() < until or done < rounds * len(kinds):
+            kind = kinds[done % len(kinds)]
             tallies[kind] += attack(kind, seconds, expected, rng, place)
             done += 1
     rows = [asdict(Tally(**counts)) for counts in tallies.values()]
-    return pd.DataFrame(rows, index=[kind.__name__ for kind in ATTACKS])
+    return pd.DataFrame(rows, index=[kind.__name__ for kind in kinds])
 
 
 def main() -> None:

@@ -46,7 +46,7 @@ PHASES = {
     ),
     "side by side": ("import time\ntime.sleep(1000)", 4),
 }
-WORK = "from pathlib import Path\nfrom tests.campaign import work\nwork(Path('done'))", 5
+WORK = "from pathlib import Path\nfrom tests.campaign import work\nwork(Path('done'))", 3
 
 
 def is_kernel(process):

@@ -176,8 +176,8 @@ def test_results_that_die_with_a_worker_before_they_are_fetched_are_made_again(f
 
     monkeypatch.setattr(sweep, "write_run", busy)
     run_sweep(configs(3), folder / "runs", train=train, workers=2)
-    first, second, third = sorted(trained(folder).count(f"dense-seed{i}") for i in range(3))
-    assert (first, second, third) == (1, 1, 2), "no result was lost: nothing was tested"
+    counts = [trained(folder).count(config.run_id) for config in configs(3)]
+    assert max(counts) == 2, "no result was lost: nothing was tested"
     assert all(is_done(config, folder / "runs") for config in configs(3))
 
 
