@@ -5,7 +5,14 @@ import pandas as pd
 import pytest
 from sklearn.metrics import balanced_accuracy_score, roc_auc_score
 
-from rlihf_lib.rl.feedback import adopt_table, answers_table, read_table
+from rlihf_lib.rl.feedback import (
+    adopt_table,
+    answers_table,
+    controls_of,
+    read_table,
+    synthetic_table,
+    with_controls,
+)
 from rlihf_lib.study import Study
 
 HEADER = "subject,epoch,label,p_error,remark\n"
@@ -106,3 +113,22 @@ def test_a_table_that_is_not_there_is_named(tmp_path):
     (tmp_path / "lab.csv").rename(tmp_path / "hri.csv")
     with pytest.raises(ValueError, match="rename the file"):
         Study("quick", tmp_path / "hri.csv")
+
+
+def test_feedback_that_says_nothing_says_what_answers_are_on_average():
+    table = pd.DataFrame({"subject": "a", "epoch": range(4), "label": [0, 0, 0, 1]})
+    table["p_error"] = [0.0, 0.1, 0.2, 0.9]
+    told = with_controls(table, "a").groupby("subject")["p_error"]
+    constant, shuffled = controls_of("a")
+    assert told.get_group(constant).tolist() == pytest.approx([0.3] * 4), "the mean, not the median"
+    assert sorted(told.get_group(shuffled)) == table["p_error"].tolist()
+
+
+@pytest.mark.parametrize("prior", [0.2, 0.5])
+def test_a_synthetic_decoder_means_what_it_says_given_its_prior(prior):
+    table = synthetic_table(1.5, prior)
+    weight = np.where(table["label"] == 1, prior, 1 - prior) / table.groupby("label")[
+        "epoch"
+    ].transform("size")
+    assert np.average(table["p_error"], weights=weight) == pytest.approx(prior, abs=0.01)
+    assert roc_auc_score(table["label"], table["p_error"]) == pytest.approx(0.856, abs=0.01)
