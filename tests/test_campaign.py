@@ -1,6 +1,6 @@
 """A part of the campaign against the store of results (`python -m tests.campaign`).
 
-What it leaves out (a command or worker that is killed or terminated, two at once) has its own tests.
+What it leaves out (a command or worker killed or terminated, two at once) has its own tests.
 """
 
 import os
