@@ -39,6 +39,12 @@ def notebook(tmp_path):
     return write
 
 
+@pytest.fixture
+def idle(monkeypatch):
+    """No notebook may be started."""
+    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+
+
 def test_help_is_short_and_starts_without_heavy_imports():
     code = (
         "import sys; from rlihf_lib.__main__ import parser; print(parser().format_help()); "
@@ -51,28 +57,26 @@ def test_help_is_short_and_starts_without_heavy_imports():
         assert option in result.stdout
 
 
-def test_an_output_folder_that_cannot_be_written_is_an_error_before_any_work(capsys, monkeypatch):
-    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+def test_an_output_folder_that_cannot_be_written_is_an_error_before_any_work(idle, capsys):
     assert main(["--profile", "smoke", "--out", "/proc/rlihf"]) == 1  # nor can root write there
     message = capsys.readouterr().err
     assert "cannot write to /proc/rlihf" in message and "--out" in message
 
 
-def test_feedback_that_is_missing_is_said_before_anything_is_trained(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+def test_feedback_that_is_missing_is_said_before_anything_is_trained(idle, tmp_path, capsys):
     assert main(["--profile", "smoke", "--out", str(tmp_path), "--only", "03"]) == 1
     assert "p_error.csv does not exist yet; run notebook 02" in capsys.readouterr().err
 
 
-def test_runs_that_are_missing_are_said_before_anything_is_decoded(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+def test_runs_that_are_missing_are_said_before_anything_is_decoded(idle, tmp_path, capsys):
     assert main(["--profile", "smoke", "--out", str(tmp_path), "--only", "02", "04"]) == 1
     said = capsys.readouterr().err
     assert "7 runs of" in said and "would read are missing; train them, too: --only 03 04" in said
 
 
-def test_a_cluster_that_does_not_answer_is_said_before_any_work(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
+def test_a_cluster_that_does_not_answer_is_said_before_any_work(
+    idle, tmp_path, capsys, monkeypatch
+):
     monkeypatch.setattr("rlihf_lib.rl.sweep.ANSWER", 0.5)
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "tcp://127.0.0.1:9")
     assert main(["--profile", "smoke", "--out", str(tmp_path)]) == 1
@@ -284,10 +288,9 @@ def test_a_disk_that_fills_up_under_a_copy_is_named(notebook, full_disk):
         execute(path, disk / "out.ipynb", {})
 
 
-def test_full_places_are_named_before_any_work(full_disk, tmp_path, monkeypatch, capsys):
+def test_full_places_are_named_before_any_work(idle, full_disk, tmp_path, monkeypatch, capsys):
     disk, _ = full_disk
     (disk / "filled").write_bytes(bytes(4096))
-    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
     monkeypatch.setattr("tempfile.gettempdir", lambda: str(disk))
     assert main(["--profile", "smoke", "--out", str(tmp_path / "out"), "--only", "01"]) == 1
     assert f"cannot write to {disk} (No space left" in capsys.readouterr().err
@@ -295,9 +298,8 @@ def test_full_places_are_named_before_any_work(full_disk, tmp_path, monkeypatch,
 
 @pytest.mark.parametrize("variable", ["RLIHF_CACHE", "TMPDIR"])
 def test_places_that_cannot_be_written_are_named_before_any_work(
-    variable, tmp_path, monkeypatch, capsys
+    variable, idle, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(regenerate, "execute", lambda *_: pytest.fail("a notebook was started"))
     monkeypatch.setenv(variable, "/proc/rlihf")
     # Python would look for another place, and then name them all.
     monkeypatch.setattr("tempfile.gettempdir", lambda: os.environ.get("TMPDIR", str(tmp_path)))

@@ -46,7 +46,7 @@ PHASES = {
     ),
     "side by side": ("import time\ntime.sleep(1000)", 4),
 }
-WORK = "from pathlib import Path\nfrom tests.campaign import work\nwork(Path('done'))", 3
+WORK = "from pathlib import Path\nfrom tests.campaign import work\nwork(Path('done'))"
 
 
 def is_kernel(process):
@@ -59,7 +59,7 @@ def begun(tmp_path):
     processes = []
 
     def begin(phase):
-        source, least = PHASES.get(phase, WORK)
+        source, least = (PHASES | {"at work": (WORK, 3)})[phase]
         cells = [nbformat.v4.new_code_cell(text) for text in (PARAMETERS, source)]
         cells[0].metadata["tags"] = ["parameters"]
         kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}

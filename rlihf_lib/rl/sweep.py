@@ -103,17 +103,16 @@ def _train_all(missing, n_runs, runs_dir, p_error, workers, train):
         client.subscribe_topic(TOPIC, lambda event: progress.advance(*event[1]))
         waiting, running, results = iter(enumerate(missing)), {}, as_completed()
 
-        def begin(position, config):
-            rows = rows_of(p_error, config.subject) if config.subject else None
-            future = client.submit(
-                _train_on_worker, config, rows, train, key=f"{config.run_id}-{config.hash[:16]}",
-                priority=-position, pure=False,
-            )  # fmt: skip
-            running[future] = config
-            results.add(future)
+        def begin(n):
+            for position, config in islice(waiting, n):
+                rows = rows_of(p_error, config.subject) if config.subject else None
+                key = f"{config.run_id}-{config.hash[:16]}"
+                how = {"key": key, "priority": -position, "pure": False}
+                future = client.submit(_train_on_worker, config, rows, train, **how)
+                running[future] = config
+                results.add(future)
 
-        for one in islice(waiting, at_once):
-            begin(*one)
+        begin(at_once)
         for future in results:
             config = running.pop(future)
             try:
@@ -125,8 +124,7 @@ def _train_all(missing, n_runs, runs_dir, p_error, workers, train):
                 write_run(config, runs_dir, files)
             progress.finished(config.run_id)
             future.release()
-            for one in islice(waiting, 1):
-                begin(*one)
+            begin(1)
     if failures:
         config, error = failures[0]
         raise RuntimeError(
