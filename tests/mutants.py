@@ -60,10 +60,11 @@ task/path | max(self.carry_length, carry) | carry
 task/path | min(1.0, completed * ideal / executed) | min(1.0, ideal / executed)
 task/path | min(self._reach.distance(hand), self._carry.distance(hand)) | self._carry.distance(hand)
 task/path | GRASP_WORTH * (1 + 0.5 * state.squeeze * (1 - 2 * near)) | GRASP_WORTH
-report/statistics | trim_mean(values, 0.25, axis=axis) | trim_mean(values, 0.1, axis=axis)
+report/statistics | trim_mean(values, 0.25, | trim_mean(values, 0.1,
 report/statistics | np.sqrt(n / (n - 1)) * | 1.0 *
 report/statistics | MIN_UNITS = 5 | MIN_UNITS = 3
-report/statistics | + 0.5 * (a == b) | + 0.0 * (a == b)
+report/statistics | np.nanmean((1 + np.sign(a - b)) / 2, | np.mean((1 + np.sign(a - b)) / 2,
+report/statistics | (1 + np.sign(a - b)) / 2 | 1.0 * (a > b)
 report/statistics | np.arange(n, n - len(p), -1) | n
 report/statistics | low = permutation_test(first + margin, | low = permutation_test(first - margin,
 report/statistics | return float(p if paired else max(p, welch(*samples).pvalue)), smallest | return float(p), smallest

@@ -23,18 +23,20 @@ CAPTIONS = {
     "the mean over people (Fig. 4)",
     "fig5_decoder_accuracy": "Accuracy of each person's decoder, on validation people and on the "
     "held-out person (Fig. 5)",
-    "fig6_whf": "Return and success for three weights of human feedback (Fig. 6)",
-    "fig1_time_clearance": "Time and clearance of late successes, by weight: what feedback buys "
-    "(Fig. 1, as data)",
-    "fig1_paths": "Paths round the obstacles, of dense reward and of each weight (Fig. 1, as data)",
+    "fig6_whf": "Return and success for three weights of human feedback, and differences within "
+    "people (Fig. 6)",
+    "fig1_time_clearance": "Time and clearance of late successes, by weight (Fig. 1, as data)",
+    "fig1_paths": "Paths round the obstacles, of the baselines and of each weight, from above and "
+    "from the side (Fig. 1, as data)",
     "whf_inside": "What critics learn beside feedback: entropy coefficient and errors, in units of "
     "its weight",
     "eeg_trial_counts": "Correct and error epochs of each person",
     "eeg_waves": "Correct and error waves at Fz, Cz and Pz, and their difference, paired by person",
     "eeg_topographies": "Where on the head the difference shows, and when",
-    "eeg_spectra": "Power spectra of EEG and EOG channels",
+    "eeg_spectra": "Power spectra of one person, as recorded and preprocessed: median of the EEG "
+    "channels",
     "decoder_scores": "AUROC and balanced accuracy of each held-out person, with chance levels",
-    "decoder_reliability": "Is p(error) what it says? Reliability of each person's decoder",
+    "decoder_reliability": "Is p(error) what it says? Reliability over all held-out epochs",
     "decoder_latency": "AUROC against when p(error) comes, filtered both ways and causally",
     "decoder_channels": "AUROC with EEG, EEG and EOG, and EOG alone",
     "decoder_patterns": "What one network's filters follow: spectra and patterns after Haufe",
@@ -53,9 +55,12 @@ CAPTIONS = {
     "success_efficiency_deviation": "Success, path efficiency and path deviation during training",
     "comparison": "Performance profiles of late success, and probability of improvement",
     "supplementary": "The same for tuned sparse reward and for the three controls of feedback",
-    "safety": "Collisions and clearance during training",
-    "paths": "Paths of trained policies round the obstacles, from above",
-    "decoder_vs_policy": "What decides: late and early success against the AUROC of the decoder",
+    "safety": "Collisions and clearance, late",
+    "paths": "Paths of trained policies round the obstacles, from above and from the side",
+    "decoder_vs_policy": "What decides: late success and return, and early success, against the "
+    "AUROC of the decoder",
+    "equivalence": "As good as dense reward? Late success of each person and of all, less dense "
+    "reward's, and the margins of equivalence",
     "people": "Simulated people, recorded ones, yes/no decoders: what they teach, against AUROC",
 }
 
@@ -71,6 +76,9 @@ def results(study: Study) -> str:
     n_people, n_seeds = len(people), len(study.profile.seeds)
     n_baseline = len(study.profile.seeds_of("dense"))
     by_weight = ", ".join(f"{p.Mid:.2f} / {p.Late:.2f} with {w:g}" for w, p in weights.iterrows())
+    seeds_of_weights = f"seed{'s' * (len(study.profile.ablation_seeds) > 1)} " + ", ".join(
+        map(str, study.profile.ablation_seeds)
+    )
     accuracy, figures = scores["accuracy_online"], f"figures/{study.name}"
     rows = [
         (
@@ -114,7 +122,7 @@ def results(study: Study) -> str:
         (
             "Fig. 6",
             "weight 0.7 learns fastest",
-            f"mid / late success {by_weight}",
+            f"mid / late success {by_weight} ({seeds_of_weights})",
             f"{figures}/fig6_whf.png",
             "05",
         ),
@@ -286,7 +294,11 @@ def _sources(sources):
     told = []
     for is_run, names in groupby(folders, key=lambda name: "/runs/" in name):
         names = list(names)
-        told.append(f"{len(names)} runs" if is_run else ", ".join(f"`{name}`" for name in names))
+        told.append(
+            f"{len(names)} run{'s' * (len(names) > 1)}"
+            if is_run
+            else ", ".join(f"`{name}`" for name in names)
+        )
     return "drawn from " + ", ".join(told)
 
 

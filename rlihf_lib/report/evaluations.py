@@ -9,11 +9,11 @@ from rlihf_lib.report import paper
 from rlihf_lib.report.statistics import MIN_UNITS, NO_BOUNDS, PROBABILITY
 from rlihf_lib.report.style import label, ordered
 from rlihf_lib.rl.feedback import person_and_control
-from rlihf_lib.rl.runs import read_run
+from rlihf_lib.rl.runs import RunConfig, read_run
 
-#: Values each metric can take; clearance is that of rollouts that place the can.
+#: Values each metric can take, a step's return 1 at most; clearance is of cans that are placed.
 RANGES = {
-    "return": NO_BOUNDS, "success": PROBABILITY, "completed": PROBABILITY,
+    "return": (-np.inf, RunConfig.horizon), "success": PROBABILITY, "completed": PROBABILITY,
     "path_efficiency": PROBABILITY, "path_deviation": (0, np.inf), "collisions": (0, np.inf),
     "clearance": NO_BOUNDS,
 }  # fmt: skip
@@ -100,10 +100,11 @@ def unit_means(table: pd.DataFrame) -> pd.DataFrame:
 
 def size(runs: pd.DataFrame) -> str:
     """Say how many runs there are, and of what, such as "12 people x 5 seeds" or "2 seeds"."""
-    people = runs["subject"].nunique()
-    seeds = runs["run"].nunique() // people
-    words = f"{seeds} seed{'s' * (seeds != 1)}"
-    return f"{people} people x {words}" if people > 1 else words
+    seeds = runs.groupby("subject")["run"].nunique()
+    least, most = int(seeds.min()), int(seeds.max())
+    words = f"{most} seed{'s' * (most != 1)}"
+    words = words if least == most else f"{least} to {words}"
+    return f"{len(seeds)} people x {words}" if len(seeds) > 1 else words
 
 
 def described(runs: pd.DataFrame) -> str:

@@ -78,7 +78,7 @@ def reliability_figure(table: pd.DataFrame) -> Figure:
     ax, histogram = axes
     ax.plot([0, 1], [0, 1], label="Perfect", **REFERENCE)
     for column, color, marker, label in (
-        ("p_error_raw", COLORS["sparse"], "s", "Raw"),
+        ("p_error_raw", "black", "s", "Raw"),
         ("p_error", COLORS["online"], "o", "Temperature-scaled"),
     ):
         promised, observed, count = reliability(table[column], table["label"])

@@ -76,7 +76,7 @@ def spectra_figure(spectra: pd.DataFrame, band: tuple[float, float]) -> Figure:
     fig, ax = plt.subplots(figsize=(PAGE_WIDTH / 2, 2.2))
     ax.axvspan(*band, color="#F0F0F0", zorder=0)
     decibels = 10 * np.log10(spectra)
-    decibels.plot(ax=ax, style=["-", "--"], color=["#7F7F7F", "black"])
+    decibels.plot(ax=ax, style=["-", "--"], color=["#BBBBBB", "black"])
     ax.set(xlabel="Frequency (Hz)", ylabel="Power density\n(dB re 1 µV²/Hz)")
     ax.legend(loc="upper right")
     return fig

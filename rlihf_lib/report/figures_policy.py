@@ -1,12 +1,9 @@
-"""Figures of learning: Fig. 2, 4, 6, and what the learner says of itself.
+"""Figures of learning: Fig. 2, 4, and what the learner says of itself.
 
 Most take the table of `evaluations.load_runs`. Lines are means over people and seeds, bands their
 95 % intervals (`statistics`); where fewer than five people, or seeds of one, were drawn, the runs
 themselves are shown.
 """
-
-from collections.abc import Iterator
-from itertools import cycle
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -27,12 +24,15 @@ AXIS_LABELS = {
     "path_deviation": "Path deviation (m)",
     "collisions": "Collisions per episode",
     "completed": "Share of the path completed",
-    "clearance": "Clearance of placed cans (cm)",
+    "clearance": "Clearance (cm)",  # of cans that are placed
     "critic_loss": "Critic loss",
     "ent_coef": r"Entropy coefficient $\alpha$",
     "mean_q": "Mean Q",
     "judged_wrong": "Share judged wrong",
+    "alpha": r"$\alpha$ / $w_{hf}$",
+    "error": "Error of the critics / $w_{hf}$",
 }
+LOGARITHMIC = ("critic_loss", "ent_coef", "alpha", "error")
 STEPS = "Steps (thousands)"
 SHARE = (-0.03, 1.03)  # limits of an axis of shares, with room for lines at 0 and 1
 
@@ -57,7 +57,7 @@ def overview_figure(scene, waves, p_error, runs) -> Figure:
     brain.plot(people, color="#BBBBBB", lw=0.5)
     brain.plot(people.mean(axis=1), color="black", lw=1.6)
     brain.axhline(0, color="#555555", lw=0.5)
-    brain.set(xlabel="Time after the error (ms)", ylabel=f"Error − correct, {channel} (µV)")
+    brain.set(xlabel="Time after the event (ms)", ylabel=f"Error − correct, {channel} (µV)")
     brain.set_xlim(0, people.index.max())
     for moment, epochs in zip(("correct", "error"), p_error.groupby("label"), strict=True):
         shade, look = style.COLORS[moment], {"bins": 20, "range": (0, 1), "density": True}
@@ -86,7 +86,7 @@ def learning_curve(runs: pd.DataFrame, ax: Axes, metric: str = "return", **line)
     if len(means) < st.MIN_UNITS:
         ax.plot(steps, points.T, color=line.get("color"), alpha=0.45, linewidth=0.5)
     else:
-        low, high = st.mean_interval(means, RANGES[metric])
+        low, high = st.mean_interval(means, RANGES.get(metric, st.NO_BOUNDS))
         ax.fill_between(steps, low, high, color=line.get("color"), alpha=0.18, linewidth=0)
 
 
@@ -105,6 +105,9 @@ def name_axes(ax: Axes, runs: pd.DataFrame, metric: str) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     if metric in ("success", "judged_wrong"):
         ax.set_ylim(SHARE)
+    if metric in LOGARITHMIC and np.isfinite(ax.dataLim.ymax):  # once something is learnt
+        ax.set_yscale("log", subs=())
+        ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
 
 
 def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
@@ -129,34 +132,12 @@ def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
         ax.set_title(title, fontsize=7.5, fontweight="bold" if chosen is runs else None)
     for i, ax in enumerate(axes.flat):
         name_axes(ax, runs, "return")
-        ax.set(xlabel=STEPS if ax in axes[-1] else "", ylabel="", visible=i < n)
-        ax.tick_params(labelbottom=i >= n - columns)
+        is_last = i >= n - columns  # of its column
+        ax.set(xlabel=STEPS if is_last else "", ylabel="", visible=i < n)
+        ax.tick_params(labelbottom=is_last)
     fig.supylabel(AXIS_LABELS["return"], fontsize=8)
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
-
-
-def figure_6(runs: pd.DataFrame) -> Figure:
-    """Fig. 6: return and success for several weights of human feedback, and the baselines.
-
-    Any number of weights, in shades of RLIHF's colour: darker is heavier.
-    """
-    fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.6))
-    for ax, metric in zip(axes, ("return", "success"), strict=True):
-        group_curves(runs, ax, ("sparse", "dense"), metric)
-        for chosen, look in by_weight(runs[runs["group"] == "rlihf"]):
-            learning_curve(chosen, ax, metric, markersize=3.5, **look)
-        name_axes(ax, runs, metric)
-    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
-    return fig
-
-
-def by_weight(rows: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, dict]]:
-    """Part rows by the weight of human feedback, each with its name, shade and marker."""
-    weights = dict(list(rows.groupby("w_hf")))
-    shades = style.shades(weights)
-    for (w, chosen), marker in zip(weights.items(), cycle("s^vPX"), strict=False):
-        yield chosen, {"color": shades[w], "marker": marker, "label": rf"RLIHF, $w_{{hf}}$ = {w:g}"}
 
 
 def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str, horizon) -> Figure:
@@ -191,39 +172,6 @@ def learner_figure(training: pd.DataFrame, condition: str) -> Figure:
         ax.plot(thousands, training[column], color=shade, lw=0.9, marker=marker)
         name_axes(ax, training, column)
         ax.set(xlabel=STEPS, xlim=(0, None))
-        if column in ("critic_loss", "ent_coef"):
-            _log_axis(ax, training[column])
-    return fig
-
-
-def _log_axis(ax, values):
-    if values.notna().any():  # as they are not before anything is learnt
-        ax.set_yscale("log", subs=())
-        ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
-
-
-def weights_figure(training: pd.DataFrame) -> Figure:
-    """What the critics have to learn beside human feedback, by its weight.
-
-    The entropy coefficient, and the root of the critic loss (the size of their errors), both in
-    units of the weight, that is of what a step can earn by feedback: means over the runs of
-    `evaluations.load_training`, in windows of ten times 1,000 steps.
-    """
-    own = training[training["w_hf"] > 0]
-    own = own.assign(
-        window=own["step"].sub(1) // 10_000 * 10 + 5,
-        alpha=own["ent_coef"] / own["w_hf"],
-        error=np.sqrt(own["critic_loss"]) / own["w_hf"],
-    )
-    fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.3))
-    words = {"alpha": r"$\alpha$ / $w_{hf}$", "error": "Error of the critics / $w_{hf}$"}
-    for ax, (column, name) in zip(axes, words.items(), strict=True):
-        for chosen, look in by_weight(own):
-            ax.plot(chosen.groupby("window")[column].mean(), ms=3.5, **look)
-        name_axes(ax, own, "critic_loss")
-        ax.set(ylabel=name)
-        _log_axis(ax, own[column])
-    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return fig
 
 

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
@@ -19,7 +20,7 @@ from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
 OBJECT_COLOURS = {
     "goal": "#999999", "can": "#C8102E", "lemon": "#E6C700", "cereal": "#8C564B",
-    "bottle": "#009E73", "bread": "#D8A15D",
+    "bottle": "#5B9A68", "bread": "#D8A15D",
 }  # fmt: skip
 OUTLINED = [withStroke(linewidth=1.8, foreground="white")]  # of names on pictures
 # World axes drawn to the right and upwards; from above, x points away from the robot, downwards.
@@ -146,10 +147,8 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
     for condition, runs in recordings.items():
         look = line_style(condition)
         for run in runs:
-            for ax, view in ((top, FROM_ABOVE), (side, FROM_FRONT)):
-                path = run.hand[:, view]
-                ax.plot(*path.T, lw=1, alpha=0.8, **look)
-                ax.plot(*path[-1], marker="*" if run.success else "x", color=look["color"], ms=6)
+            _draw_path(run, top, FROM_ABOVE, lw=1, **look)
+            _draw_path(run, side, FROM_FRONT, lw=1, **look)
         placed = f"{sum(run.success for run in runs)} of {len(runs)} runs place the can"
         top.plot([], [], label=f"{LABELS[condition]}: {placed}", **look)
     for metres, (_, grey) in zip(sorted(zones), reversed(ZONE_GREYS), strict=True):
@@ -164,28 +163,44 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
 
 
 def paths_by_weight(env: PickPlaceEnv, recordings: dict, zones: tuple[float, ...]) -> Figure:
-    """Draw the hand's paths from above, a panel each for dense reward and each weight (cf. Fig. 1).
+    """Draw the hand's paths from above and from the side, a column a reward (cf. Fig. 1).
 
-    `recordings` holds, as "dense" and by weight of human feedback, `evaluation.Recording`s of the
-    placement to which `env` is reset; `zones` are distances from obstacles, metres.
+    `recordings` holds, by condition ("sparse", "dense") and by weight of human feedback,
+    `evaluation.Recording`s of the placement to which `env` is reset; `zones` are distances from
+    obstacles, metres. A path that crosses a zone from above may pass over it: look at both rows.
     """
-    fig, axes = plt.subplots(
-        1, len(recordings), figsize=(PAGE_WIDTH, 2.1), sharey=True, squeeze=False
-    )
-    tones = shades(key for key in recordings if key != "dense")
-    for ax, (key, runs) in zip(axes.flat, recordings.items(), strict=True):
-        _draw_scene(env, ax, FROM_ABOVE, alpha=0.8)
-        _draw_zones(env.workspace, ax, sorted(zones, reverse=True))
-        tone, name = tones.get(key, color("dense")), LABELS.get(key, f"RLIHF, {key}")
+    size = {"figsize": (PAGE_WIDTH, 3.9), "sharex": True, "sharey": "row", "squeeze": False}
+    fig, (tops, sides) = plt.subplots(2, len(recordings), **size)
+    tones = shades(key for key in recordings if key not in LABELS)
+    for top, side, (key, runs) in zip(tops, sides, recordings.items(), strict=True):
+        _draw_scene(env, top, FROM_ABOVE, alpha=0.8)
+        _draw_zones(env.workspace, top, sorted(zones, reverse=True))
+        _draw_scene(env, side, FROM_FRONT, alpha=0.5)
+        look = {"color": tones[key] if key in tones else color(key)}
         for run in runs:
-            path = run.hand[:, FROM_ABOVE]
-            ax.plot(*path.T, lw=0.7, alpha=0.8, color=tone)
-            ax.plot(*path[-1], marker="*" if run.success else "x", color=tone, ms=5)
-        placed = sum(run.success for run in runs)
-        ax.set_title(f"{name}: {placed} of {len(runs)} placed", fontsize=8)
-        ax.set(xlabel="y (m)", ylim=(0.2, -0.32))
-    axes[0, 0].set_ylabel("x, away from the robot (m)")
+            _draw_path(run, top, FROM_ABOVE, lw=0.7, **look)
+            _draw_path(run, side, FROM_FRONT, lw=0.7, **look)
+        placed = f"{sum(run.success for run in runs)} of {len(runs)} placed"
+        top.set_title(f"{LABELS.get(key, f'RLIHF, {key}')}\n{placed}", fontsize=8)
+        side.axhline(TABLE_HEIGHT, color="k", lw=0.6)
+        top.set(xlabel="", ylim=(0.2, -0.36))
+        side.set_ylim(TABLE_HEIGHT - 0.03, TABLE_HEIGHT + 0.4)
+    tops[0].set_ylabel("x, away from\nthe robot (m)")
+    sides[0].set_ylabel("height z (m)")
+    marks = [Line2D([], [], color="k", ls="", marker=m, label=label)
+             for m, label in (("*", "can placed"), ("x", "not placed"))]  # fmt: skip
+    ideal = Line2D([], [], color="k", ls="--", lw=1, label="ideal path with the can")
+    words = ", ".join(f"{100 * metres:.0f}" for metres in sorted(zones))
+    zone = Line2D([], [], color="#888888", ls=":", label=f"{words} cm from obstacles (across)")
+    fig.legend(handles=[*marks, ideal, zone], loc="outside upper center", ncols=4)
     return fig
+
+
+def _draw_path(run, ax, view, **look):
+    """Draw a recording's path of the hand; at its end a star if the can is placed, else a cross."""
+    path = run.hand[:, view]
+    ax.plot(*path.T, alpha=0.8, **look)
+    ax.plot(*path[-1], marker="*" if run.success else "x", color=look["color"], ms=6)
 
 
 def _draw_zones(workspace, ax, distances):

@@ -17,7 +17,8 @@ from rlihf_lib.study import REPOSITORY
 FIT = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
 ESCAPES = {c: f"\\{c}" for c in "#$%&_{}"} | {c: f"${c}$" for c in "<>"}
 ESCAPES |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-ESCAPES |= {"±": r"$\pm$", "·": r"$\cdot$"}
+ESCAPES |= {"±": r"$\pm$", "·": r"$\cdot$", "–": "--", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
+ESCAPES |= {"ρ": r"$\rho$"}
 
 
 def caption(study, says: str = "") -> str:
@@ -126,30 +127,34 @@ def save_table(
     """
     shown = table if shown is None else shown
     write_csv(study.tables / f"{name}.csv", table)
-    for suffix, text in typeset(shown, caption(study, says)).items():
+    for suffix, text in typeset(shown, caption(study, says), name).items():
         write_text(study.tables / f"{name}{suffix}", text)
     return shown
 
 
-def typeset(shown: pd.DataFrame, says: str) -> dict[str, str]:
+def typeset(shown: pd.DataFrame, says: str, name: str = "") -> dict[str, str]:
     """Return a table with its caption as Markdown (".md") and as LaTeX with booktabs (".tex").
 
-    Where an index of names changes, a line is drawn and the name of the block of rows written.
+    There it can be referred to as `tab:name`. An index of names parts blocks of rows: each has a
+    line, and its name above it.
     """
     n, named = len(shown.columns), pd.api.types.is_string_dtype(shown.index)
     cells = shown.astype(object).where(shown.notna(), "").astype(str)
     rows = [cells.columns, ["---"] * n, *cells.to_numpy()]
     markdown = ["| " + " | ".join(row) + " |" for row in rows]
-    latex = cells.map(_latex).rename(columns=_latex).to_latex(index=False, caption=_latex(says))
+    cells.columns = [_latex(column) for column in cells]
+    latex = cells.map(_latex).to_latex(index=False, caption=_latex(says), label=f"tab:{name}")
     lines = latex.replace("{table}", "{table*}").splitlines()
     body = lines.index(r"\midrule") + 1
-    for i in reversed(range(1, len(cells) if named else 0)):
-        if (block := shown.index[i]) != shown.index[i - 1]:
+    for i in reversed(range(len(cells) if named else 0)):
+        block, before = shown.index[i], shown.index[i - 1] if i else ""
+        if block != before:
             markdown.insert(2 + i, f"| *{block}*" + " | " * (n - 1) + " |")
             heading = rf"\multicolumn{{{n}}}{{l}}{{\emph{{{_latex(block)}}}}} \\"
-            lines[body + i : body + i] = [r"\midrule", heading]
+            lines[body + i : body + i] = [*[r"\midrule"] * bool(i), heading]
+    table = next(i for i, line in enumerate(lines) if line.startswith(r"\begin{tabular}"))
+    lines[table:table], lines[-1:-1] = [FIT], ["}"]
     lines[1:1] = [r"\centering\footnotesize\setlength{\tabcolsep}{3pt}"]
-    lines[3:3], lines[-1:-1] = [FIT], ["}"]
     texts = {".md": [says, "", *markdown], ".tex": lines}
     return {suffix: "\n".join([*text, ""]) for suffix, text in texts.items()}
 

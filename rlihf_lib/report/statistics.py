@@ -46,9 +46,9 @@ def iqm(values: ArrayLike, axis: int = -1) -> np.ndarray:
     """Interquartile mean: a quarter of the runs, rounded down, left out at each end.
 
     Less moved by one lucky run than the mean (Agarwal et al. 2021, "Deep reinforcement learning at
-    the edge of the statistical precipice", NeurIPS).
+    the edge of the statistical precipice", NeurIPS). NaN is no run.
     """
-    return stats.trim_mean(values, 0.25, axis=axis)
+    return stats.trim_mean(values, 0.25, axis=axis, nan_policy="omit")
 
 
 def interval(
@@ -110,11 +110,12 @@ def difference(
 def improvement(first: np.ndarray, second: np.ndarray, paired: bool) -> dict[str, float]:
     """Probability that a run of the first beats a run of the second, ties counting half.
 
-    Agarwal et al. (2021); with paired people a run meets only runs of the same person. Arguments as
-    in `difference`. Returns improvement, improvement_low, improvement_high.
+    Agarwal et al. (2021); with paired people a run meets only runs of the same person, a missing
+    one (NaN) none. Arguments as in `difference`. Returns improvement, improvement_low,
+    improvement_high.
     """
     a, b = first[:, None, :, None], second[None, :, None, :]
-    beats = ((a > b) + 0.5 * (a == b)).mean(axis=(-2, -1))
+    beats = np.nanmean((1 + np.sign(a - b)) / 2, axis=(-2, -1))
     if paired:
         beats = np.diag(beats)
         low, high = mean_interval(beats, PROBABILITY)

@@ -13,18 +13,18 @@ GROUPS = {
     "sparse": ("RL sparse", "#7F7F7F"),
     "dense": ("RL dense", "#0072B2"),
     "rlihf": ("RLIHF", "#D55E00"),
-    "sparse-patience1000-discount0.98": ("RL sparse, tuned (0.98)", "#009E73"),
-    "sparse-patience1000-discount0.99": ("RL sparse, tuned (0.99)", "#56B4E9"),
+    "sparse-patience1000-discount0.98": ("RL sparse, tuned (discount .98)", "#009E73"),
+    "sparse-patience1000-discount0.99": ("RL sparse, tuned (discount .99)", "#56B4E9"),
     "rlihf-ideal": ("RLIHF, ideal p", "#000000"),
     "rlihf-mean": ("RLIHF, constant p", "#CC79A7"),
-    "rlihf-shuffled": ("RLIHF, shuffled p", "#E69F00"),
+    "rlihf-shuffled": ("RLIHF, shuffled p", "#999933"),
     "rlihf-lay": ("RLIHF, lay observer", "#332288"),
 }
 LABELS = {group: words for group, (words, _) in GROUPS.items()}
 COLORS = {group: shade for group, (_, shade) in GROUPS.items()}
 COLORS |= {"correct": "#44AA99", "error": "#882255"}  # what EEG answers; no condition's colours
 COLORS |= {"pretrain": "#F0E442", "online": "#E69F00"}  # the paper's Fig. 5: yellow, orange bars
-LIGHTEST, DARKEST = "#ECB68C", "#552600"  # shades of RLIHF
+LIGHTEST, DARKEST = "#E8A56F", "#552600"  # shades of RLIHF
 # Told apart in black and white too.
 DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
 #: Of chance levels and other lines to compare with; of single people or runs behind their mean.

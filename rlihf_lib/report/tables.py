@@ -1,10 +1,11 @@
 """Tables: Table I and its companions, from what `evaluations.load_runs` returns."""
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pandas as pd
+from scipy.stats import page_trend_test
 
 from rlihf_lib.report import paper
 from rlihf_lib.report import statistics as st
@@ -13,12 +14,24 @@ from rlihf_lib.report.style import label, ordered
 
 SPREAD = (
     "mean ± sample standard deviation (n - 1) over evaluation points [95 % bootstrap interval of "
-    "the mean, where at least five people, or seeds of one, were drawn]"
+    "the mean, where at least five people, or seeds of one, were drawn; = where these are all "
+    "equal, which does not rule out rare failures]"
+)
+TABLE_1 = (
+    f"Table I, beside the paper's numbers; {SPREAD}; our path efficiency is weighted by the share "
+    "of the path completed, our deviation is from its nearest point, which the paper's need not "
+    "be; Early has the untrained policy, too"
 )
 TESTED = (
-    "late phase; [95 % bootstrap interval]; p: permutation test over people and seeds, in brackets "
-    "the smallest that could come out at this n; Holm: corrected for all tests of the table"
+    "late phase; [95 % bootstrap interval; = where nothing scatters]; p: permutation test over "
+    "people and seeds, in brackets the smallest that could come out at this n; Holm: corrected for "
+    "all tests of the table"
 )
+ORDERED = (
+    "weights by mean over people, in brackets; p: Page's test of the paper's order, one-sided; "
+    "Holm: corrected for the rows of the table"
+)
+EQUIVALENT = f"equivalent: less than {st.EQUIVALENCE_MARGIN:.2f} apart"
 NO_INTERVAL = ", no interval"
 #: What is compared of two groups (`statistics.difference`, `statistics.improvement`).
 COMPARED = ("difference", "ci_low", "ci_high", "p", "smallest_p", "improvement", "improvement_low",
@@ -29,10 +42,10 @@ DIGITS = {"return": 0, "clearance": 3}  # of the others: 2
 def summarise(runs: pd.DataFrame, by: list[str], metrics: Sequence[str] = METRICS) -> pd.DataFrame:
     """Summarise metrics for every group of runs, named by columns such as ["phase", "group"].
 
-    A row per group and metric: mean and sd (n - 1) over evaluation points (the mean of a point's
-    rollouts, as the paper's spread suggests), ci_low and ci_high of the mean over people and seeds,
-    iqm over runs, iqm_low, iqm_high (95 %; empty below `statistics.MIN_UNITS`); n, in words;
-    n_runs, n_points.
+    A row per group and metric: mean over people and seeds with ci_low and ci_high, iqm over runs
+    with iqm_low and iqm_high (95 %; empty below `statistics.MIN_UNITS`); sd (n - 1) over evaluation
+    points (the mean of a point's rollouts), as the paper's spread suggests; n, in words, n_runs and
+    n_points, of those that have a value.
     """
     metrics = list(metrics)
     runs = runs.assign(group=pd.Categorical(runs["group"], ordered(runs["group"])))
@@ -41,20 +54,21 @@ def summarise(runs: pd.DataFrame, by: list[str], metrics: Sequence[str] = METRIC
     for keys, group in points.reset_index().groupby(by, observed=True):
         per_run = group.groupby(["subject", "run"])[metrics].mean().reset_index()
         for metric in metrics:
-            scores = units(per_run, metric)
+            scores, valued = units(per_run, metric), per_run.dropna(subset=metric)
             if not len(scores):  # no clearance, for no run places the can
                 continue
-            low, high = st.mean_interval(np.nanmean(scores, axis=1), RANGES[metric])
+            means = np.nanmean(scores, axis=1)
+            low, high = st.mean_interval(means, RANGES[metric])
             iqm_low, iqm_high = st.iqm_interval(scores, RANGES[metric])
             rows.append(
                 {
                     **dict(zip(by, keys, strict=True)), "metric": metric,
-                    "mean": group[metric].mean(), "sd": group[metric].std(ddof=1),
+                    "mean": means.mean(), "sd": group[metric].std(ddof=1),
                     "ci_low": low, "ci_high": high,
                     "iqm": st.iqm(scores[np.isfinite(scores)]),
                     "iqm_low": iqm_low, "iqm_high": iqm_high,
-                    "n": size(per_run) + ("" if np.isfinite(low) else NO_INTERVAL),
-                    "n_runs": len(per_run), "n_points": len(group),
+                    "n": size(valued) + ("" if np.isfinite(low) else NO_INTERVAL),
+                    "n_runs": len(valued), "n_points": group[metric].count(),
                 }
             )  # fmt: skip
     return pd.DataFrame(rows)
@@ -76,12 +90,19 @@ def table_1(runs: pd.DataFrame) -> pd.DataFrame:
 def show_table_1(table: pd.DataFrame) -> pd.DataFrame:
     """Lay `table_1` out like the paper, whose numbers stand beside ours.
 
-    Strings, a row per phase and method; the index says which rows are supplementary.
+    Strings, a row per phase and method; the index is the phase, and says which are supplementary.
     """
     columns = [name for metric in paper.METRICS for name in (metric, f"{metric}, paper")]
     shown = show_summary(table, ["phase", "group"], columns)
     known = shown["method"].isin([label(group) for group in paper.CONDITIONS])
-    return shown.set_axis(np.where(known, "as in the paper", "supplementary"))
+    shown["method"] += " (" + shown.pop("n").str.removesuffix(NO_INTERVAL) + ")"
+    phase = shown.pop("phase")
+    arrows = dict(zip(shown.columns[1::2], ("success rate ↑", "path efficiency ↑",
+                                            "path deviation (m) ↓"), strict=True))  # fmt: skip
+    papers = dict.fromkeys(shown.columns[2::2], "paper")
+    return shown.rename(columns=arrows | papers).set_axis(
+        phase.where(known, phase + ", supplementary")
+    )
 
 
 def show_summary(table: pd.DataFrame, by: list[str], columns: Iterable[str]) -> pd.DataFrame:
@@ -94,21 +115,29 @@ def show_summary(table: pd.DataFrame, by: list[str], columns: Iterable[str]) -> 
     for keys, cells in table.groupby(by, sort=False, observed=True):
         texts = dict.fromkeys(columns, "")
         for c in cells.itertuples():
-            texts[c.metric] = _text(c.metric, c.mean, c.ci_low, c.ci_high, c.sd) or "not run"
-            texts[f"iqm {c.metric}"] = _text(c.metric, c.iqm, c.iqm_low, c.iqm_high)
+            texts[c.metric] = show_value(c.metric, c.mean, c.ci_low, c.ci_high, c.sd) or "not run"
+            texts[f"iqm {c.metric}"] = show_value(c.metric, c.iqm, c.iqm_low, c.iqm_high)
             if "paper_mean" in cells:
-                texts[f"{c.metric}, paper"] = _text(c.metric, c.paper_mean, sd=c.paper_sd)
+                texts[f"{c.metric}, paper"] = show_value(c.metric, c.paper_mean, sd=c.paper_sd)
         named = dict(zip(by, map(label, keys), strict=True))
+        if named.get("w_hf") == 0:  # nobody's feedback
+            named["w_hf"] = "–"
         shown = {name.replace("_", " "): texts[name] for name in columns}
         rows.append({**named, **shown, "n": cells["n"].iloc[0]})
     return pd.DataFrame(rows).rename(columns={"group": "method"})
 
 
-def _text(metric, value, low=np.nan, high=np.nan, sd=np.nan):
-    """Format "0.54 ± 0.45 [0.31, 0.74]", or what there is of it; no minus before zero."""
+def show_value(
+    metric: str, value: float, low: float = np.nan, high: float = np.nan, sd: float = np.nan
+) -> str:
+    """Format "0.54 ± 0.45 [0.31, 0.74]", or what there is of it; no minus before zero.
+
+    Of units that are all equal the interval has no width and is no claim: "0.00 ± 0.00 [=]".
+    """
     numbers = (f"{x:z.{DIGITS.get(metric, 2)}f}" for x in (value, sd, low, high))
     parts = zip(("{}", " ± {}", " [{}", ", {}]"), numbers, strict=True)
-    return "".join(part.format(number) for part, number in parts if number != "nan")
+    text = "".join(part.format(number) for part, number in parts if number != "nan")
+    return f"{text.partition(' [')[0]} [=]" if abs(high - low) < 1e-9 else text
 
 
 def compare(
@@ -153,9 +182,10 @@ def comparison_table(
     comparison, those of `compare`, p_holm and smallest_p_holm.
     """
     late = dict(list(phase_scores(runs).groupby("group")))
+    person = {other: "".join(set(late[other]["person"])) for other in others}  # of a control
     return family(
         {
-            "comparison": f"{label('rlihf')} - {label(other)}",
+            "comparison": " ".join(["RLIHF", person[other]]).strip() + f" - {label(other)}",
             **compare(late["rlihf"], late[other], metric, (other, metric) == ("dense", "success")),
         }
         for metric in metrics
@@ -173,6 +203,34 @@ def weight_comparison(runs: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+def order_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Is more weight better, as in the paper, and sooner? Page's test of the order, over people.
+
+    Each person's means rank the weights, or each seed's of one person. A row for success in every
+    phase and for late return: ours, the weights by mean, and paper, the paper's order; p, exact
+    where nothing is tied and too large else, and p_holm.
+    """
+    rows = []
+    for phase, metric in [*product(paper.PHASES, ["success"]), ("Late", "return")]:
+        scores = phase_scores(runs, phase).query("group == 'rlihf'")
+        unit = "subject" if scores["subject"].nunique() > 1 else "seed"
+        means = scores.pivot_table(metric, unit, "w_hf").dropna()
+        weights, ranked = sorted(means), means.mean().sort_values(kind="stable").items()
+        p = page_trend_test(means).pvalue if len(means) > 1 and len(weights) > 2 else np.nan
+        rows.append(
+            {
+                "phase": phase, "metric": metric, "p": p,
+                "ours": " < ".join(f"{w:g} ({show_value(metric, mean)})" for w, mean in ranked),
+                "paper": " < ".join(f"{w:g}" for w in weights),
+                "n": f"{len(means)} {'people' if unit == 'subject' else 'seeds'}",
+            }
+        )  # fmt: skip
+    table = pd.DataFrame(rows)
+    return table.assign(p_holm=st.holm(table["p"]))[
+        ["phase", "metric", "paper", "ours", "p", "p_holm", "n"]
+    ]
+
+
 def family(rows: Iterable[dict], tests: Iterable[str] = ("p",)) -> pd.DataFrame:
     """Correct the tests for one another, and the smallest p that could come out alike."""
     table = pd.DataFrame(rows)
@@ -180,7 +238,8 @@ def family(rows: Iterable[dict], tests: Iterable[str] = ("p",)) -> pd.DataFrame:
     return table.assign(**{f"{name}_holm": st.holm(table[name]) for name in names})
 
 
-def _p(p, smallest):
+def show_p(p: float, smallest: float) -> str:
+    """Write a p, and in brackets the smallest that could have come out."""
     if np.isnan(p):
         return ""
     return f"{p:.2g} ({smallest:.2g})" if smallest < 1 else "no test"
@@ -194,13 +253,13 @@ def show_comparison(table: pd.DataFrame) -> pd.DataFrame:
     shown = table[["metric", "comparison"]].replace({"metric": {"_": " "}}, regex=True)
     shown.columns = ["metric", "compared, late phase"]
     rows = list(table.itertuples())
-    shown["difference"] = [_text(r.metric, r.difference, r.ci_low, r.ci_high) for r in rows]
+    shown["difference"] = [show_value(r.metric, r.difference, r.ci_low, r.ci_high) for r in rows]
     shown["P(better)"] = [
-        _text("", r.improvement, r.improvement_low, r.improvement_high) for r in rows
+        show_value("", r.improvement, r.improvement_low, r.improvement_high) for r in rows
     ]
     for name in ("p", "p_holm", "p_equivalent", "p_equivalent_holm"):
         if name in table:
             words = name.replace("_", ", ").replace("holm", "Holm")
             pairs = zip(table[name], table[f"smallest_{name}"], strict=True)
-            shown[words] = [_p(*pair) for pair in pairs]
+            shown[words] = [show_p(*pair) for pair in pairs]
     return shown.assign(n=table["n"])

@@ -19,9 +19,11 @@ def test_claims_are_judged_by_their_tests(runs, scores):
     better = [found[f"{phase}: RLIHF places more cans than sparse reward"][1]
               for phase in ("Early", "Mid", "Late")]  # fmt: skip
     assert better == ["yes"] * 3
-    assert found["Late: comparable to dense reward"][1] == "not shown", "far below to near it"
-    assert found["Late: path efficiency lower than dense reward's"][1] == "yes"
-    assert found["Late: nearer to the ideal path than sparse reward"][1] == "yes"
+    assert found["Late: RLIHF places about as many as dense reward"][1] == "not shown", (
+        "far below to near it"
+    )
+    assert found["Late: its path efficiency is lower than dense reward's"][1] == "yes"
+    assert found["Late: it is nearer to the ideal path than sparse reward"][1] == "yes"
     assert found["Late: better decoders, higher return"][1] == "yes"
     assert "0 of 12" in found["Some people's feedback surpasses dense reward in final return"][0]
     swapped = runs.replace({"group": {"sparse": "dense", "dense": "sparse"}})
@@ -32,10 +34,11 @@ def test_claims_are_judged_by_their_tests(runs, scores):
 def test_runs_that_are_equal_are_shown_to_be(runs, scores):
     same = runs.assign(success=runs["success"].where(runs["group"] == "sparse", 0.9))
     found = judged(same, scores)
-    assert found["Late: comparable to dense reward"][1] == "yes"
-    assert "12 shown equal to dense reward, 0" in found["Weaker decoders support learning, too"][0]
+    assert found["Late: RLIHF places about as many as dense reward"][1] == "yes"
+    weaker = found["Weaker decoders support learning, too"][0]
+    assert "12 shown equal to dense reward, to differ nobody can be shown" in weaker, "5 seeds"
 
 
 def test_a_study_of_a_run_each_is_too_small_to_show_anything(study):
     shown = [shown for _, shown in judged(load_runs(study), study.scores()).values()]
-    assert shown == [""] * 3 + ["too few runs to test"] * 8
+    assert shown == [""] * 4 + ["too few runs to test"] * 10

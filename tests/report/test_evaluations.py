@@ -42,7 +42,7 @@ def test_phases_are_thirds_of_training_and_clearance_is_of_those_who_place_the_c
         ("rlihf", "s02", {"w_hf": 0.7, "observer": "lay"}, "rlihf-lay", "RLIHF, lay observer"),
         (
             "sparse", "", {"patience": 1000, "sac": SACSettings(discount=0.99)},
-            "sparse-patience1000-discount0.99", "RL sparse, tuned (0.99)",
+            "sparse-patience1000-discount0.99", "RL sparse, tuned (discount .99)",
         ),
         ("dense", "", {"patience": 50}, "dense-patience50", "dense-patience50"),
     ],
@@ -51,6 +51,13 @@ def test_a_run_is_compared_as_what_its_config_says(condition, subject, other, gr
     config = RunConfig(condition, 3, 3000, 1000, subject=subject, **other)
     assert group_of(config) == group
     assert label(group) == shown
+
+
+def test_a_phase_is_averaged_without_the_one_before(runs):
+    own = runs.query("run == 'dense-seed1'").set_index("step")["success"]
+    for phase, steps in (("Early", [0, 1000]), ("Mid", [2000]), ("Late", [3000])):
+        found = phase_scores(runs, phase).set_index("run").loc["dense-seed1", "success"]
+        assert found == pytest.approx(own[steps].mean())
 
 
 def test_whose_feedback_a_run_drew_on():

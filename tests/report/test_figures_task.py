@@ -49,12 +49,18 @@ def draw(env):
 def test_each_weight_has_a_panel_that_counts_who_places_the_can(env):
     recordings = {"dense": [still(env)], 0.1: [still(env, True), still(env)], 0.7: [still(env)]}
     fig = paths_by_weight(env, recordings, tuple(ZONES))
-    titles = [ax.get_title() for ax in fig.axes]
-    words = ["RL dense: 0 of 1", "RLIHF, 0.1: 1 of 2", "RLIHF, 0.7: 0 of 1"]
-    assert titles == [f"{title} placed" for title in words]
-    assert len({ax.lines[-1].get_color() for ax in fig.axes}) == 3
-    ends = [line.get_marker() for line in fig.axes[1].lines if line.get_marker() in ("*", "x")]
-    assert ends == ["*", "x"]
+    tops, sides = fig.axes[:3], fig.axes[3:]
+    words = ["RL dense\n0 of 1", "RLIHF, 0.1\n1 of 2", "RLIHF, 0.7\n0 of 1"]
+    assert [ax.get_title() for ax in tops] == [f"{title} placed" for title in words]
+    for axes in (tops, sides):
+        ends = [[line for line in ax.lines if line.get_marker() in ("*", "x")] for ax in axes]
+        assert [[line.get_marker() for line in lines] for lines in ends] == [
+            ["x"],
+            ["*", "x"],
+            ["x"],
+        ]
+        assert len({lines[0].get_color() for lines in ends}) == 3
+    assert [line.get_ydata()[-1] for line in sides[0].lines[2:3]] == [env.controller.hand[2]]
     plt.close(fig)
 
 

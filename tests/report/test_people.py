@@ -1,5 +1,6 @@
 """Decoder and policy of each person side by side."""
 
+import numpy as np
 import pytest
 
 from rlihf_lib.report import people
@@ -31,6 +32,19 @@ def test_measures_that_do_not_part_people_say_so(runs, scores):
     assert table.loc["auroc", ["fails_up_to", "places_from"]].tolist() == list(scores["auroc"][1:3])
     assert table.loc["auroc", "parts_people"] and not table.loc["accuracy_online", "parts_people"]
     assert set(table["n_places"]) == {10} and set(table["n"]) == {12}
+
+
+def test_half_of_dense_is_reached_between_the_people_around_it(runs, scores):
+    level = 0.9 * (scores["auroc"] > 0.8)  # a step between two people
+    whole = runs.assign(success=runs["success"].where(runs["group"] != "rlihf"))
+    own = whole["subject"].map(dict(zip(scores["subject"], level, strict=True)))
+    table = people.threshold_table(people.subject_table(whole.fillna({"success": own}), scores))
+    row = table.set_index("measure").loc["auroc"]
+    assert row["fails_up_to"] < row["half_at"] < row["places_from"]
+    assert row["half_low"] <= row["fails_up_to"] and row["half_high"] >= row["places_from"]
+    few = scores.iloc[:4]
+    four = people.threshold_table(people.subject_table(runs, few)).set_index("measure")
+    assert four.loc["auroc", "half_at"] > 0 and np.isnan(four.loc["auroc", "half_low"])
 
 
 def test_what_people_have_taught_is_counted_in_the_last_third_of_so_many_steps(runs, scores):

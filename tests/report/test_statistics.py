@@ -57,6 +57,19 @@ def test_the_same_data_give_the_same_interval_within_its_bounds():
     assert st.mean_interval(successes, (0, 1))[1] == 1
 
 
+def test_a_run_that_is_missing_is_neither_beaten_nor_averaged():
+    ragged = np.arange(24.0).reshape(12, 2)
+    ragged[::3, 1] = np.nan
+    below = np.full((12, 2), -1.0)
+    for paired in (True, False):
+        beats = st.improvement(ragged, below, paired)
+        assert set(beats.values()) == {1.0}
+    low, high = st.iqm_interval(ragged)
+    runs = np.sort(ragged[np.isfinite(ragged)])
+    assert st.iqm(ragged.ravel()) == pytest.approx(runs[5:-5].mean())
+    assert low < st.iqm(ragged.ravel()) < high
+
+
 def test_people_are_resampled_not_their_seeds():
     alike = np.tile([0.0, 0, 0, 1, 1], (12, 1))
     assert np.ptp(st.mean_interval(alike.mean(axis=1))) == 0, "all people have the same mean"
@@ -110,6 +123,13 @@ def test_groups_without_scatter_can_be_compared():
     assert st.permutation_test([1.0] * 12, [0.0] * 5, False)[0] == pytest.approx(2 / 6188)
     assert st.permutation_test([0.1] * 12, [0.1] * 5, False)[0] == 1
     assert st.permutation_test([0.3] * 5, [0.1 * 3] * 5, True)[0] == 1
+
+
+def test_where_welchs_p_is_larger_than_that_of_the_permutations_it_counts():
+    people, seeds = np.ones(12), np.array([0.0, 0, 0, 0, 1])
+    welch = stats.ttest_1samp(seeds, 1).pvalue  # which it is where one group doesn't scatter
+    assert st.permutation_test(people, seeds, False)[0] == pytest.approx(welch, rel=1e-3)
+    assert welch == pytest.approx(0.016, abs=0.001), "4 of 6188 regroupings would be .001"
 
 
 def test_the_test_errs_as_often_as_it_says():

@@ -20,10 +20,11 @@ def test_table_1_holds_our_means_beside_the_papers(study):
     assert table.loc[("Early", "sparse", "path_deviation"), "paper_sd"] == 0.26
     assert table.loc[("Late", "rlihf", "success"), "n_runs"] == 1
     shown = tables.show_table_1(table.reset_index())
-    assert list(shown["method"][:3]) == ["RL sparse", "RL dense", "RLIHF"]
-    assert shown["success, paper"].iloc[-1] == "0.39 ± 0.39"
-    assert set(shown["n"]) == {"1 seed, no interval"}
-    assert not shown["success"].str.contains("[", regex=False).any()
+    assert list(shown["method"][:3]) == [
+        f"{m} (1 seed)" for m in ("RL sparse", "RL dense", "RLIHF")
+    ]
+    assert shown["paper"].iloc[-1, 0] == "0.39 ± 0.39"
+    assert not shown["success rate ↑"].str.contains("[", regex=False).any()
 
 
 def test_summary_of_the_papers_size_is_of_runs_by_hand(runs):
@@ -41,19 +42,41 @@ def test_summary_of_the_papers_size_is_of_runs_by_hand(runs):
     assert shown["success"].str.fullmatch(r"0\.\d\d ± 0\.\d\d \[0\.\d\d, 0\.\d\d\]").all()
 
 
+def test_clearance_is_of_the_people_who_place_the_can(runs):
+    never = (runs["subject"] == "s02") | ((runs["subject"] == "s03") & (runs["seed"] > 0))
+    some = runs.assign(clearance=np.where(never, np.nan, runs["min_clearance"]))
+    row = tables.late_table(some).set_index(["group", "metric"]).loc[("rlihf", "clearance")]
+    placed = phase_scores(some).query("group == 'rlihf'").dropna(subset="clearance")
+    assert row["mean"] == pytest.approx(placed.groupby("subject")["clearance"].mean().mean())
+    assert row["ci_low"] < row["mean"] < row["ci_high"] and row["iqm_low"] < row["iqm_high"]
+    assert (row["n"], row["n_runs"]) == ("11 people x 1 to 5 seeds", 51)
+    assert row["n_points"] == 51
+
+
+def test_an_interval_without_width_claims_nothing(runs):
+    equal = runs.assign(success=runs["success"].where(runs["group"] != "sparse", 0))
+    table = tables.late_table(equal)
+    shown = tables.show_summary(table, ["group"], ["success"])["success"]
+    assert shown[0] == "0.00 ± 0.00 [=]" and shown[1].endswith("]") and "=" not in shown[1]
+
+
 def test_supplementary_conditions_stand_below_a_line_without_the_papers_numbers(runs, supplement):
     table = tables.table_1(pd.concat([runs, supplement]))
     assert len(table) == 27 + 4 * 9
     assert table["paper_mean"].iloc[:27].notna().all() and table["paper_mean"][27:].isna().all()
     shown = tables.show_table_1(table)
-    assert shown.index.tolist() == ["as in the paper"] * 9 + ["supplementary"] * 12
-    assert shown["method"].tolist()[9:13] == [
-        "RL sparse, tuned (0.98)", "RLIHF, ideal p", "RLIHF, constant p", "RLIHF, shuffled p",
+    blocks = [f"{p}{more}" for more in ("", ", supplementary") for p in paper.PHASES]
+    assert list(dict.fromkeys(shown.index)) == blocks and len(shown) == 9 + 12
+    assert [name.partition(" (")[0] for name in shown["method"].tolist()[9:13]] == [
+        "RL sparse, tuned", "RLIHF, ideal p", "RLIHF, constant p", "RLIHF, shuffled p",
     ]  # fmt: skip
-    assert shown["success, paper"].tolist()[9:] == [""] * 12
-    texts = typeset(shown, "five seeds")
+    assert set(shown["paper"].iloc[9:].to_numpy().ravel()) == {""}
+    texts = typeset(shown, "five seeds", "table1")
     lines = texts[".md"].splitlines()
-    assert lines[4 + 9].startswith("| *supplementary* |")
+    assert lines[4] == "| *Early* |  |  |  |  |  |  |" and lines[4 + 12] == lines[4].replace(
+        "Early", "Early, supplementary"
+    )
+    assert texts[".tex"].count(r"\midrule") == 6 and r"\label{tab:table1}" in texts[".tex"]
     assert {line.count("|") for line in lines[2:]} == {len(shown.columns) + 1}
 
 
@@ -81,7 +104,7 @@ def test_controls_are_compared_with_the_same_persons_runs(runs, supplement):
     everything = pd.concat([runs, supplement])
     others = ordered(supplement["group"])
     table = tables.comparison_table(everything, others, ("success",)).set_index("comparison")
-    row = table.loc["RLIHF - RLIHF, constant p"]
+    row = table.loc["RLIHF s08 - RLIHF, constant p"]
     own = phase_scores(runs).query("subject == 's08'")["success"].mean()
     control = phase_scores(supplement).query("subject == 's08-mean'")["success"].mean()
     assert row["difference"] == pytest.approx(own - control)
@@ -98,6 +121,22 @@ def test_weights_are_paired_over_people(weighed):
     assert row["p"] == 2 / 4096 and row["p_holm"] <= 6 * 2 / 4096
     one = tables.weight_comparison(weighed.query("subject == 's05'"))
     assert set(one["smallest_p"].dropna()) == {2 / 252}
+
+
+def test_the_order_of_the_weights_is_tested_in_every_phase(weighed):
+    table = tables.order_table(weighed)
+    assert list(table["phase"]) == ["Early", "Mid", "Late", "Late"]
+    late = table.iloc[2]
+    means = phase_scores(weighed).groupby("w_hf")["success"].mean()
+    words = " < ".join(f"{w:g} ({means[w]:.2f})" for w in (0.1, 0.4, 0.7))
+    assert (late["paper"], late["ours"], late["n"]) == ("0.1 < 0.4 < 0.7", words, "12 people")
+    assert late["p"] < 0.001 and (table["p_holm"] >= table["p"]).all()
+    turned = tables.order_table(weighed.assign(w_hf=0.8 - weighed["w_hf"])).iloc[2]
+    assert turned["ours"].startswith("0.1") is False and turned["p"] > 0.999
+    one = tables.order_table(weighed.query("subject == 's05'"))
+    assert set(one["n"]) == {"5 seeds"}
+    two = tables.order_table(weighed.query("w_hf > 0.2"))
+    assert two["p"].isna().all(), "two weights have no order to test"
 
 
 def test_a_study_of_one_run_each_proves_nothing_and_says_so(study):
