@@ -39,11 +39,12 @@ def safety_figure(runs: pd.DataFrame) -> Figure:
         for x, group in enumerate(paper.CONDITIONS):
             shade = style.color(group)
             scores = late[late["group"] == group].set_index("subject")[metric].dropna()
+            if scores.empty:
+                ax.text(x, 0, "none\nplaced", ha="center", va="bottom", fontsize=7, color=shade)
+                continue
             places = x + rng.uniform(-0.12, 0.12, len(scores))
             ax.plot(places, scores, color=shade, clip_on=False, **RUNS)
             mean_and_interval(scores, ax, x + 0.25, metric, shade)
-            if scores.empty:
-                ax.text(x, 0, "none\nplaced", ha="center", va="bottom", fontsize=7, color=shade)
         ax.set(ylabel=AXIS_LABELS[metric], xlim=(-0.5, 2.6))
         ax.set_xticks(range(3), [style.label(g).removeprefix("RL ") for g in paper.CONDITIONS])
         ax.set_ylim(0, 1.1 * np.nan_to_num(late[metric].max()) or 1)
@@ -96,7 +97,7 @@ def equivalence_figure(people: pd.DataFrame, table: pd.DataFrame) -> Figure:
     asks for a little less: that a 90 % interval does).
     """
     overall = table[(table["metric"] == "success") & table["comparison"].str.endswith("dense")]
-    names = [f"{row.subject}, AUROC {row.auroc:.2f}" for row in people.itertuples()]
+    names = [f"{row.subject} ({row.auroc:.2f})" for row in people.itertuples()]
     rows = pd.concat([people.assign(name=names), overall.assign(name="all people")])
     fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 0.9 + 0.19 * len(rows)))
     places, shade = range(len(rows)), style.color("rlihf")
@@ -105,8 +106,9 @@ def equivalence_figure(people: pd.DataFrame, table: pd.DataFrame) -> Figure:
     for margin in (-st.EQUIVALENCE_MARGIN, st.EQUIVALENCE_MARGIN):
         ax.axvline(margin, **style.REFERENCE)
     ax.set_yticks(places, rows["name"])
-    ax.get_yticklabels()[-1].set_fontweight("bold")
-    ax.set(xlabel="Late success, RLIHF less RL dense", ylim=(-0.6, len(rows) - 0.4))
+    ax.set(xlabel="Late success, RLIHF less RL dense", ylabel="Person (AUROC)")
+    ax.set_ylim(-0.6, len(rows) - 0.4)
+    ax.margins(x=0.08)
     return fig
 
 

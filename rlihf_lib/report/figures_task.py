@@ -169,8 +169,10 @@ def paths_by_weight(env: PickPlaceEnv, recordings: dict, zones: tuple[float, ...
     `evaluation.Recording`s of the placement to which `env` is reset; `zones` are distances from
     obstacles, metres. A path that crosses a zone from above may pass over it: look at both rows.
     """
-    size = {"figsize": (PAGE_WIDTH, 3.9), "sharex": True, "sharey": "row", "squeeze": False}
-    fig, (tops, sides) = plt.subplots(2, len(recordings), **size)
+    fig, (tops, sides) = plt.subplots(
+        2, len(recordings), figsize=(PAGE_WIDTH, 3.1), sharex=True, sharey="row", squeeze=False,
+        height_ratios=[0.56, 0.43],
+    )  # fmt: skip
     tones = shades(key for key in recordings if key not in LABELS)
     for top, side, (key, runs) in zip(tops, sides, recordings.items(), strict=True):
         _draw_scene(env, top, FROM_ABOVE, alpha=0.8)

@@ -58,7 +58,7 @@ def _paired(runs: pd.DataFrame, ax: Axes) -> None:
         mean_and_interval(differences, ax, x + 0.25, "difference", shades[high])
     ax.axhline(0, **style.REFERENCE)
     ax.set_xticks(range(len(pairs)), [f"{high:g}\n− {low:g}" for low, high in pairs])
-    ax.set(xlim=(-0.5, len(pairs) - 0.2), ylabel="Difference in late return, same people")
+    ax.set(xlim=(-0.5, len(pairs) - 0.2), ylabel="Late return, difference")
 
 
 def weights_figure(training: pd.DataFrame) -> Figure:

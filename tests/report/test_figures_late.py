@@ -76,7 +76,7 @@ def test_who_is_equal_to_dense_reward_lies_between_the_margins(runs, scores):
     table, by_person = tables.comparison_table(runs), people.subject_table(runs, scores)
     (ax,) = figures_late.equivalence_figure(by_person, table).axes
     names = [tick.get_text() for tick in ax.get_yticklabels()]
-    assert names[0] == "s02, AUROC 0.70" and names[12:] == ["all people"]
+    assert names[0] == "s02 (0.70)" and names[12:] == ["all people"]
     overall = table.set_index(["comparison", "metric"]).loc[("RLIHF - RL dense", "success")]
     drawn = ax.lines[0].get_xdata()
     assert drawn[:12] == pytest.approx(by_person["difference"].to_numpy())
