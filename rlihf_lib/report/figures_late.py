@@ -51,7 +51,9 @@ def safety_figure(runs: pd.DataFrame) -> Figure:
     return fig
 
 
-def mean_and_interval(scores: pd.Series, ax: Axes, x: float, metric: str, shade: str) -> None:
+def mean_and_interval(
+    scores: pd.Series, ax: Axes, x: float, metric: str, shade: str | tuple
+) -> None:
     """Draw the mean of runs' scores, indexed by subject, as a diamond with its interval, at `x`."""
     if scores.empty:
         return

@@ -33,8 +33,7 @@ def figure_6(runs: pd.DataFrame) -> Figure:
 
     Bands lie side by side though people are the same; so the third panel has their differences.
     """
-    wide = {"width_ratios": [1, 1, 0.8]}
-    fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.6), **wide)
+    fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.6), width_ratios=[1, 1, 0.8])
     for ax, metric in zip(axes, ("return", "success"), strict=False):
         group_curves(runs, ax, ("sparse", "dense"), metric)
         for chosen, look in by_weight(runs[runs["group"] == "rlihf"]):
