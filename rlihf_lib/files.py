@@ -88,7 +88,7 @@ def locked(path, say=lambda owner: None) -> Iterator[IO[str]]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             lock.seek(0)
-            say(lock.read())
+            say(lock.read().strip())
             fcntl.flock(lock, fcntl.LOCK_EX)
         except OSError as error:
             raise OSError(
@@ -115,7 +115,7 @@ def one_at_a_time(folder, *beside) -> Iterator[None]:
         lock.flush()
         for place in (folder, *map(Path, beside)):
             for left in place.glob(".*.partial*"):
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
+                shutil.rmtree(left) if left.is_dir() else left.unlink(missing_ok=True)
         yield
 
 

@@ -97,10 +97,12 @@ def read_table(path: Path, columns=COLUMNS) -> pd.DataFrame:
         raise ValueError(f"{path} has no rows; write it anew")
     if "p_error" not in columns:
         return table
-    p_error, epoch = (pd.to_numeric(table[n], errors="coerce") for n in ("p_error", "epoch"))
+    p_error, epoch, label = (
+        pd.to_numeric(table[name], errors="coerce") for name in ("p_error", "epoch", "label")
+    )
     faults = {
         "p_error is {p_error}, not in [0, 1]": ~p_error.between(0, 1),
-        "label is {label}, neither 0 (correct) nor 1 (error)": ~table["label"].isin([0, 1]),
+        "label is {label}, neither 0 (correct) nor 1 (error)": ~label.isin([0, 1]),
         "epoch is {epoch!r}, not a whole number": ~(epoch.between(0, 2**53) & (epoch % 1 == 0)),
         "epoch {epoch} of {subject} is there twice": table.duplicated(["subject", "epoch"]),
     }

@@ -4,6 +4,7 @@ A reader may hand a function of their own to a run. It travels to the workers wi
 the hash of its source, and of whatever it refers to, becomes part of the run's.
 """
 
+import dis
 import inspect
 import sys
 import sysconfig
@@ -11,7 +12,7 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def _parts(function, name, seen):
     seen.add(function)
     try:
         parts: list = [textwrap.dedent(inspect.getsource(function))]
-        referred = inspect.getclosurevars(function)
+        enclosed = inspect.getclosurevars(function).nonlocals
     except (OSError, TypeError) as error:
         raise ValueError(
             f"the source of {name} can't be read; give a function defined with def in a file or a "
@@ -56,15 +57,16 @@ def _parts(function, name, seen):
         ) from error
     defaults = {f"default {i}": value for i, value in enumerate(function.__defaults__ or ())}
     defaults |= function.__kwdefaults__ or {}
-    values = {**referred.globals, **referred.nonlocals, **defaults}
-    for key, value in sorted(values.items()):
+    known = function.__globals__
+    values = {n: known[n] for n in _globals_of(function.__code__) if n in known}
+    for key, value in sorted({**values, **enclosed, **defaults}.items()):
         if isinstance(value, ModuleType | np.ufunc):
             parts.append([key, value.__name__])
-        elif isinstance(value, (FunctionType, type)) and _comes_with_the_library(value):
+        elif callable(value) and _comes_with_the_library(value):
             parts.append([key, value.__qualname__])
         elif isinstance(value, FunctionType):
             parts += [] if value in seen else [[key, _parts(value, key, seen)]]
-        elif isinstance(value, (int, float, str, bool, type(None), tuple)):
+        elif _is_plain(value):
             parts.append([key, repr(value)])
         else:
             raise ValueError(
@@ -74,7 +76,22 @@ def _parts(function, name, seen):
     return parts
 
 
+def _globals_of(code: CodeType) -> set[str]:
+    """Name the globals that code reads, also in the functions and comprehensions in it."""
+    names = {step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"}
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return names.union(*map(_globals_of, inner))
+
+
+def _is_plain(value):
+    if isinstance(value, tuple):
+        return all(map(_is_plain, value))
+    return isinstance(value, (int, float, str, bool, type(None)))
+
+
 def _comes_with_the_library(value):
     """Tell whether code is this library's, which `PROTOCOL` covers, or an installed package's."""
-    path = getattr(sys.modules.get(value.__module__), "__file__", None) or ""
-    return LIBRARY in Path(path).parents or path.startswith(INSTALLED)
+    module = getattr(value, "__module__", None)
+    path = getattr(sys.modules.get(module), "__file__", None) or ""
+    is_known = LIBRARY in Path(path).parents or path.startswith(INSTALLED)
+    return hasattr(value, "__qualname__") and (is_known or module in sys.builtin_module_names)

@@ -70,6 +70,7 @@ def test_a_table_that_changes_changes_the_runs(tmp_path):
         (HEADER + "a,0,no,0.5,\na,1,1,1,\n", "line 2: label is no, neither 0"),
         (HEADER + "a,0,0,0.5,\na,1,-1,1,\n", "line 3: label is -1, neither 0"),
         (HEADER + "a,0,,0.5,\na,1,1,1,\n", "line 2: label is , neither 0"),
+        (HEADER + "a,0,0,0.5,\na,1,,1,\n", "line 3: label is , neither 0"),
         (HEADER + "a,0.5,0,0.5,\na,1,1,1,\n", "line 2: epoch is 0.5, not a whole number"),
         (HEADER + "a,-1,0,0.5,\na,1,1,1,\n", "line 2: epoch is -1, not a whole number"),
         (HEADER + "a,,0,0.5,\na,1,1,1,\n", "line 2: epoch is '', not a whole number"),
