@@ -13,7 +13,7 @@ from scipy.special import expit, logit
 
 from rlihf_lib.eeg.loso import load_decoder
 from rlihf_lib.eeg.tiring import PARTS, session_table
-from rlihf_lib.files import check_sums, write_csv, write_sums
+from rlihf_lib.files import SUMS, check_sums, sha256, write_csv, write_sums
 from rlihf_lib.profiles import Profile
 from rlihf_lib.report.evaluations import load_runs, phase_scores
 from rlihf_lib.rl import forms
@@ -26,7 +26,7 @@ from rlihf_lib.rl.feedback import (
     rows_of,
     synthetic_table,
 )
-from rlihf_lib.rl.rewards import errp_feedback
+from rlihf_lib.rl.rewards import errp_reward
 from rlihf_lib.rl.runs import RunConfig
 from rlihf_lib.rl.timing import Timing
 
@@ -34,6 +34,7 @@ STEPS, EVERY, SEEDS = 60_000, 5_000, (0, 1, 2)  # of studies at least as long
 D_PRIMES = (0.5, 1.0, 1.5, 2.0, 3.0)  # distances of the classes, in standard deviations
 PRIOR = 0.35  # share of errors that synthetic decoders expect
 BIASED = 1.5  # d' of the decoders whose calibration is spoilt
+MATCHED = ("timid", "praising")  # also at a weight at which right and wrong steps differ as much
 #: How: evidence, log-odds less those of the prior, is multiplied, and something is added to it.
 BIASES = {"blaming": (1, 2), "praising": (1, -2), "timid": (0.3, 0), "bold": (3, 0)}
 INTERVALS, DELAYS = (1, 3, 10), (0, 3, 8)  # steps of 0.1 s
@@ -66,12 +67,14 @@ class Beyond:
         """p(error) over a session in which the person tires; only simulated people can."""
         if self.study.eeg != "simulated":
             return None
-        folder = self.runs.parent
+        # A decoder trained anew decodes anew.
+        decoder = sha256((self.study.decoder / SUMS).read_bytes())[:8]
+        folder = self.runs.parent / f"session-{self.person}-{decoder}"
         if not check_sums(folder):
-            decoder = load_decoder(self.study.decoder, self.person)
-            write_csv(folder / "session.csv", session_table(self.person, decoder))
-            write_sums(folder, ["session.csv"])
-        return read_table(folder / "session.csv")
+            table = session_table(self.person, load_decoder(self.study.decoder, self.person))
+            write_csv(folder / "p_error.csv", table)
+            write_sums(folder, ["p_error.csv"])
+        return read_table(folder / "p_error.csv")
 
     def cases(self, experiment: str) -> dict[str, list[RunConfig]]:
         """Runs of one of `EXPERIMENTS` by case, the case that others are compared with first."""
@@ -103,17 +106,29 @@ class Beyond:
 def _synthetic():
     """Tables of synthetic decoders: by d', and of one d' with its calibration spoilt."""
     for d in D_PRIMES:
-        yield synthetic_table(d, PRIOR).assign(subject=f"d{d:g}")
+        yield synthetic_table(d, PRIOR).assign(subject=_synthetic_name(d))
     table = synthetic_table(BIASED, PRIOR)
     evidence = logit(table["p_error"]) - logit(PRIOR)
     for name, (factor, shift) in BIASES.items():
         p_error = expit(factor * evidence + shift + logit(PRIOR))
-        yield table.assign(subject=f"d{BIASED:g}_{name}", p_error=p_error)
+        yield table.assign(subject=f"{_synthetic_name(BIASED)}_{name}", p_error=p_error)
+
+
+def _synthetic_name(d):
+    return f"d{d:.1f}"  # people's names have no dot
+
+
+def contrast(rows: pd.DataFrame, form: Callable = errp_reward) -> float:
+    """By how much more right steps are worth than wrong ones, on average, by rows of p(error)."""
+    right, wrong = (
+        form(rows.loc[rows["label"] == label, "p_error"].to_numpy(), 0.0).mean() for label in (0, 1)
+    )
+    return right - wrong
 
 
 def _ladder(beyond):
     constant, shuffled = controls_of(beyond.person)
-    synthetic = {f"d' = {d:g}": {"subject": f"d{d:g}"} for d in D_PRIMES}
+    synthetic = {f"d' = {d:g}": {"subject": _synthetic_name(d)} for d in D_PRIMES}
     return {
         "ideal": {"subject": IDEAL}, "constant": {"subject": constant},
         "shuffled": {"subject": shuffled}, **synthetic,
@@ -121,8 +136,16 @@ def _ladder(beyond):
 
 
 def _bias(beyond):
-    names = ["", *(f"_{name}" for name in BIASES)]
-    return {name[1:] or "calibrated": {"subject": f"d{BIASED:g}{name}"} for name in names}
+    """The same evidence, told otherwise; a weight alone would make up for some of it."""
+    calibrated = _synthetic_name(BIASED)
+    cases = {"calibrated": {"subject": calibrated}}
+    cases |= {name: {"subject": f"{calibrated}_{name}"} for name in BIASES}
+    tables = dict(list(beyond.p_error.groupby("subject")))
+    for name in MATCHED:
+        spoilt = f"{calibrated}_{name}"
+        weight = Profile.w_hf * contrast(tables[calibrated]) / contrast(tables[spoilt])
+        cases[f"{name}, matched"] = {"subject": spoilt, "w_hf": float(f"{weight:.3g}")}
+    return cases
 
 
 def _lateness(beyond):
@@ -167,30 +190,28 @@ def _forms(beyond):
     And each at half and at twice this scale.
     """
     rows = rows_of(beyond.p_error, beyond.person)
-    right, wrong = (rows.loc[rows["label"] == label, "p_error"].to_numpy() for label in (0, 1))
-    unbiased = forms.corrected(float((wrong >= 0.5).mean()), float((right >= 0.5).mean()))
     cases: dict[str, dict] = {}
     for name, form in (
-        ("1 - p", errp_feedback), ("0.5 - p", forms.half), ("log-odds", forms.log_odds),
-        ("yes or no", forms.yes_or_no), ("yes or no, corrected", unbiased),
+        ("1 - p", errp_reward), ("0.5 - p", forms.half), ("log-odds", forms.log_odds),
+        ("yes or no", forms.yes_or_no),
     ):  # fmt: skip
-        told = {"feedback": "errp" if form is errp_feedback else form}
-        contrast = form(right, 0.0, 0.0).mean() - form(wrong, 0.0, 0.0).mean()
-        weight = Profile.w_hf * (wrong.mean() - right.mean()) / contrast
+        told = {"feedback": "errp" if form is errp_reward else form}
+        weight = Profile.w_hf * contrast(rows) / contrast(rows, form)
         for scale, words in ((1, ""), (0.5, ", half"), (2, ", twice")):
             cases[name + words] = told | {"w_hf": float(f"{scale * weight:.3g}")}
     return cases
 
 
 def _weights(beyond):
-    """Fixed weights, some that change in training, and one by how far p(error) spreads.
+    """Fixed weights, some that change in training, one by doubt, one by how far p(error) spreads.
 
     The spread needs no labels, and is small where a decoder knows little.
     """
     fixed = {f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)}
     changing: dict[str, dict[str, Any]] = {
-        f.__name__: {"feedback": f} for f in (forms.fading, forms.growing, forms.doubting)
-    }
+        "fading": {"schedule": "fading"}, "growing": {"schedule": "growing"},
+        "0.5 - p": {"feedback": forms.half}, "0.5 - p, by doubt": {"feedback": forms.doubting},
+    }  # fmt: skip
     ranked = beyond.study.ranked_subjects()
     spread = {who: rows_of(beyond.p_error, who)["p_error"].std() for who in ranked}
     for who in (ranked[0], ranked[-1]):
@@ -210,6 +231,8 @@ def _observers(beyond):
 
 def _tiring(beyond):
     """A session in which the person tires, and a decoder that is, or isn't, kept up to date."""
+    if beyond.study.eeg != "simulated":
+        raise ValueError(f"nobody tires in {beyond.study.eeg_label}: only simulated people do")
     states = ("rested", "tired", "updated")
     return {state: {"subject": f"{beyond.person}_{state}", "session": PARTS} for state in states}
 

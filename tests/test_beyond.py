@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.beyond import EXPERIMENTS, PRIOR, Beyond
+from rlihf_lib.beyond import EXPERIMENTS, MATCHED, PRIOR, Beyond, contrast
 from rlihf_lib.eeg.scores import auroc, calibration_error
 from rlihf_lib.eeg.tiring import PARTS
 from rlihf_lib.rl.asking import Asking
@@ -26,9 +26,9 @@ def test_a_session_that_was_edited_is_not_believed(beyond, tmp_path):
     shutil.copytree(beyond.study.decoder, study.decoder)
     shutil.copytree(beyond.runs.parent, study.results / "beyond", ignore=lambda *_: ["runs"])
     pd.testing.assert_frame_equal(Beyond(study).p_error, beyond.p_error)
-    path = study.results / "beyond" / "session.csv"
+    (path,) = (study.results / "beyond").glob("session-*/p_error.csv")
     path.write_text(path.read_text().replace("0.", "0.1", 1))
-    with pytest.raises(ValueError, match=r"session.csv is not what was written"):
+    with pytest.raises(ValueError, match=r"p_error.csv is not what was written"):
         Beyond(study)
 
 
@@ -41,7 +41,7 @@ def test_experiments_are_of_sixty_thousand_steps_and_three_seeds(beyond):
 
 
 def test_runs_of_an_experiment_differ_in_what_it_varies(beyond):
-    same = {"lateness": "timing", "bias": "subject", "ladder": "subject", "observers": "observer"}
+    same = {"lateness": "timing", "ladder": "subject", "observers": "observer"}
     for name, varied in same.items():
         runs = beyond.run_configs(name)
         for entry in dataclasses.fields(runs[0]):
@@ -72,16 +72,20 @@ def test_forms_of_feedback_tell_right_from_wrong_by_as_much(beyond):
         if case.endswith(("half", "twice")):
             continue
         form = config.feedback if callable(config.feedback) else lambda p, *_: 1 - p
-        worth = config.w_hf * form(rows["p_error"].to_numpy(), 0.0, 0.0)
+        worth = config.w_hf * form(rows["p_error"].to_numpy(), 0.0)
         contrasts.append(worth[rows["label"] == 0].mean() - worth[rows["label"] == 1].mean())
     assert contrasts == pytest.approx([contrasts[0]] * len(contrasts), rel=0.01)
 
 
-def test_known_confusions_undo_what_a_decoder_gets_wrong(beyond):
-    rows = beyond.p_error[beyond.p_error["subject"] == beyond.person]
-    (config, *_) = beyond.cases("forms")["yes or no, corrected"]
-    worth = rows.assign(worth=config.feedback(rows["p_error"].to_numpy(), 0.0, 0.0))
-    assert worth.groupby("label")["worth"].mean().tolist() == pytest.approx([1.0, 0.0])
+def test_matched_weights_make_up_for_timid_and_praising_decoders(beyond):
+    tables, cases = dict(list(beyond.p_error.groupby("subject"))), beyond.cases("bias")
+
+    def told(case):
+        return cases[case][0].w_hf * contrast(tables[cases[case][0].subject])
+
+    for name in MATCHED:
+        assert told(name) < 0.6 * told("calibrated")
+        assert told(f"{name}, matched") == pytest.approx(told("calibrated"), rel=0.01)
 
 
 def test_the_budget_of_a_person_is_that_of_their_epochs(beyond):
@@ -113,8 +117,8 @@ def test_who_tires_is_decoded_ever_worse_and_an_update_helps(beyond):
 
 
 def test_observers_disagree_about_the_same_step(beyond):
-    at_full_speed = moment(remaining=0.5, best=0.53, clearance=0.06)
-    slowly = moment(remaining=0.5, best=0.508, clearance=0.06)
+    at_full_speed = moment(remaining=0.5, best=0.53, clearance=0.06, moved=0.03)
+    slowly = moment(remaining=0.5, best=0.508, clearance=0.06, moved=0.01)
     watchers = {name: runs[0].observer for name, runs in beyond.cases("observers").items()}
     assert watchers["hates_speed"](at_full_speed) == 1 > watchers["hates_speed"](slowly)
     near = moment(remaining=0.5, best=0.53, clearance=0.02)

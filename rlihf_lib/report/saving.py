@@ -41,8 +41,9 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
     fig.supxlabel(words, fontsize=SMALL, color="#555555")
     _require_printable(fig, name)
     engine = fig.get_layout_engine()
-    for _ in range(2 if engine else 0):  # once more, for the first may have changed the ticks
+    if engine:
         engine.execute(fig)
+        engine.execute(fig)  # once more, for the first may have changed the ticks
     fig.set_layout_engine("none")  # laid out once, not again for each file
     # With a date or a software version, equal data would give unequal files.
     for suffix, field in ((".pdf", "CreationDate"), (".png", "Software")):

@@ -1,7 +1,10 @@
 """Feedback when answers are few: which steps are asked about, and a model that fills in the rest.
 
 People tire, and an epoch that has answered once says nothing new the second time. So only some
-steps are asked about, at random or where a model of the feedback is unsure. That model is an
+steps are asked about, at random or where a model of the feedback is unsure. Without a model an
+answer counts for all the steps that were not asked about: the mean of answers so far is every
+step's feedback, and what an answer is above or below it is divided by the share of steps that is
+asked about, so that right and wrong steps differ as much, on average, as if all were. A model is an
 ensemble of networks of observation and action, fitted to the answers so far: as the observer judges
 what a step gains, not how far the robot has come, it predicts advantages, not levels. Its word is
 every step's feedback, and when it is fitted anew, that of the steps in memory is written anew, too.
@@ -30,8 +33,8 @@ class Asking:
     budget: int = 0
     """Answers in all; 0 = every step's."""
     once: bool = False
-    """Whether an epoch answers once and then never again, so that no more than the person's epochs
-    are in the budget."""
+    """Whether an epoch answers once and then never again: no more than the person's epochs are in
+    the budget, and where those of either class are used up, nothing is asked any more."""
     when: str = "spread"
     """One of `WHEN`: at random over all of training, or where the model is unsure."""
     model: bool = False
@@ -57,15 +60,14 @@ class AskingReward(TrainingReward):
 
         super().__init__(env, *arguments)
         self.asking, self._rng = asking, rng
-        n_observations, n_actions = env.observation_space.shape[0], env.action_space.shape[0]
-        self._model = RewardModel(n_observations, n_actions, int(rng.integers(2**31)))
-        n = self._total_steps
-        self._inputs = np.zeros((n, n_observations + n_actions), np.float32)
+        n, n_inputs = self._total_steps, env.observation_space.shape[0] + env.action_space.shape[0]
+        self._model = RewardModel(n_inputs, int(rng.integers(2**31)))
+        self._inputs = np.zeros((n, n_inputs), np.float32)
         self._paid, self._scales = np.zeros((2, n))
         self._asked: list[int] = []  # steps with an answer
         self._answers: list[float] = []
         self._mean = 0.5  # of the answers so far
-        self._scores: deque[float] = deque(maxlen=COMPARED)
+        self._doubts: deque[float] = deque(maxlen=COMPARED)
         most = min(asking.budget or n, n)
         self.budget = min(most, self.observer.n_epochs) if asking.once else most
 
@@ -76,30 +78,30 @@ class AskingReward(TrainingReward):
         if self.asking.model and self._answers and now % REFIT == 0:
             info["late"] = self._rewrite(now)
         self._inputs[now] = np.concatenate(self._seen)
-        lasts = self._discounts.sum() if moment.success or moment.lost else 1.0
-        self._scales[now] = self.w_hf * lasts
-        self._paid[now] = self._mean
-        score = self._rng.random()
+        self._scales[now] = self.w_hf * (self._discounts.sum() if terminated else 1.0)
+        self._paid[now], doubt = self._mean, None
         if self.asking.model and now >= REFIT:
             (self._paid[now],), (doubt,) = self._model.predict(self._inputs[now : now + 1])
-            score = doubt if self.asking.when == "unsure" else score
-        if self._is_asked(now, score):
-            for p_error in self.observer.watch(moment):  # none where its epochs are used up
-                answer = float(self.feedback(np.array([p_error]))[0])
+        rate = min(1.0, (self.budget - len(self._asked)) / (len(self._paid) - now))
+        if self._is_asked(rate, doubt if self.asking.when == "unsure" else None):
+            answers = self.feedback(self.observer.watch(moment))
+            if not len(answers):
+                self.budget = len(self._asked)  # epochs of this class are used up
+            for answer in answers.tolist():
                 self._asked.append(now)
                 self._answers.append(answer)
                 self._mean += (answer - self._mean) / len(self._answers)
                 if not self.asking.model:
-                    self._paid[now] = answer
+                    self._paid[now] = self._mean + (answer - self._mean) / rate
         reward = task_reward(moment, self.discount) + self._scales[now] * self._paid[now]
         return observation, reward, terminated, truncated, info
 
-    def _is_asked(self, now, score):
-        """Spend what is left of the budget evenly, on the steps of the highest scores."""
-        self._scores.append(score)
-        left = self.budget - len(self._asked)
-        rate = min(1.0, left / (len(self._paid) - now))
-        return left > 0 and score >= np.quantile(self._scores, 1 - rate)
+    def _is_asked(self, rate, doubt):
+        """Draw a share of all steps, or, by a doubt, take that of the most doubtful ones."""
+        if doubt is None:
+            return self._rng.random() < rate
+        self._doubts.append(doubt)
+        return rate > 0 and doubt >= np.quantile(self._doubts, 1 - rate)
 
     def _rewrite(self, now):
         """Fit the model; return what the feedback of the `now` steps so far changes by."""

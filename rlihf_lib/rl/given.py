@@ -91,7 +91,7 @@ def _is_plain(value):
 
 def _comes_with_the_library(value):
     """Tell whether code is this library's, which `PROTOCOL` covers, or an installed package's."""
-    module = getattr(value, "__module__", None)
+    module = getattr(value, "__module__", None) or ""
     path = getattr(sys.modules.get(module), "__file__", None) or ""
     is_known = LIBRARY in Path(path).parents or path.startswith(INSTALLED)
     return hasattr(value, "__qualname__") and (is_known or module in sys.builtin_module_names)

@@ -79,8 +79,8 @@ class Observer:
     ----------
     share : float
         How much of training is over.
-    n_epochs, errors_seen : int
-        Rows there are; moments that looked wrong so far.
+    n_epochs, watched, errors_seen : int
+        Rows there are; moments seen so far; those that looked wrong.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class Observer:
         if once:
             self._rows = [[rng.permutation(rows) for rows in by_class] for by_class in self._rows]
         self._rng, self.looks_wrong, self._decode, self._once = rng, looks_wrong, decode, once
-        self.share, self.errors_seen = 0.0, 0
+        self.share, self.watched, self.errors_seen = 0.0, 0, 0
 
     def watch(self, moment: Moment, n: int = 1) -> np.ndarray:
         """Answer a moment of `n` control steps by p(error), (n,), of epochs it evokes, Eq. (3).
@@ -107,6 +107,7 @@ class Observer:
         By fewer where epochs answer once and are used up.
         """
         wrong = int(self._rng.random() < self.looks_wrong(moment))
+        self.watched += 1
         self.errors_seen += wrong
         now = self._rows[min(int(self.share * len(self._rows)), len(self._rows) - 1)]
         if self._once:

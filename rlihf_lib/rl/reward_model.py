@@ -11,19 +11,19 @@ INPUT_NOISE = 0.1  # standard deviation, on what networks are fitted to, as the 
 
 
 class RewardModel:
-    """Networks of observation and action, of so many numbers, each fitted to its own resample."""
+    """Networks of observation and action, so many numbers, each fitted to its own resample."""
 
-    def __init__(self, n_observations: int, n_actions: int, seed: int):
-        self._n, self._random = n_observations, torch.Generator().manual_seed(seed)
+    def __init__(self, n_inputs: int, seed: int):
+        self._random = torch.Generator().manual_seed(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self._networks = StackedCritic(n_observations + n_actions, HIDDEN, N_NETWORKS)
+            self._networks = StackedCritic(n_inputs, HIDDEN, N_NETWORKS)
         self._optimizer = torch.optim.Adam(self._networks.parameters(), LEARNING_RATE)
         self._mean = 0.5
         self._weights = torch.empty(N_NETWORKS, 0, 1)
 
     def _outputs(self, inputs):
-        return torch.stack(self._networks(inputs[:, : self._n], inputs[:, self._n :]))
+        return torch.stack(self._networks(inputs, inputs[:, :0]))
 
     @torch.no_grad()
     def predict(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

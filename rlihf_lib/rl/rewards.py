@@ -49,13 +49,15 @@ def alignment_reward(moment: Moment) -> float:
 REWARDS = {"path": alignment_reward}
 
 
-def errp_reward(p_error: np.ndarray) -> np.ndarray:
+def errp_reward(p_error: np.ndarray, doubt: float = 0.0) -> np.ndarray:
     """Implicit human feedback, Eq. (4): r = 1 - p(error).
 
     Parameters
     ----------
     p_error : ndarray, shape (n,), or float
         Decoded probability, in [0, 1], that the observer perceived an error.
+    doubt : float
+        Of the critics about the step (`TrainingReward.doubt`), on which other forms depend.
 
     Returns
     -------
@@ -66,17 +68,8 @@ def errp_reward(p_error: np.ndarray) -> np.ndarray:
     return 1.0 - p_error
 
 
-def errp_feedback(p_error: np.ndarray, share: float, doubt: float) -> np.ndarray:
-    """Feedback of p(error), (n,): `errp_reward`, always.
-
-    Others may depend on the share of the training that is done, or on the doubt of the critics
-    about the step (`TrainingReward.doubt`): their weight, or the decoder behind p(error).
-    """
-    return errp_reward(p_error)
-
-
 #: What p(error) is worth, by name, as `RunConfig.feedback` names it.
-FEEDBACK = {"errp": errp_feedback}
+FEEDBACK = {"errp": errp_reward}
 
 
 def evaluation_reward(moment: Moment, path) -> float:
@@ -96,8 +89,7 @@ class TrainingReward(gym.Wrapper):
     """Replace the reward of a `PickPlaceEnv` by that of a condition: "sparse", "dense" or "rlihf".
 
     "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times `feedback(p_error,
-    share, doubt)`, share of the `total_steps` that are done, of an `Observer`, whose answers the
-    others leave alone. `discount` is the learner's.
+    doubt)` of an `Observer`, whose answers the others leave alone. `discount` is the learner's.
 
     Attributes
     ----------
@@ -108,7 +100,7 @@ class TrainingReward(gym.Wrapper):
 
     def __init__(
         self, env, condition, discount, w_hf=0.0, observer=None, engineered=alignment_reward,
-        feedback=errp_feedback, total_steps=1,
+        feedback=errp_reward, total_steps=1,
     ):  # fmt: skip
         super().__init__(env)
         self.condition, self.discount = condition, discount
@@ -120,10 +112,9 @@ class TrainingReward(gym.Wrapper):
 
     def feedback(self, p_error: np.ndarray) -> np.ndarray:
         """Return what p(error), (n,), is worth now."""
-        if self._feedback is errp_feedback:  # without asking the critics
-            return errp_reward(p_error)
-        share = min(1.0, self._steps / self._total_steps)
-        return self._feedback(p_error, share, self.doubt(*self._seen))
+        if self._feedback is errp_reward or not self._seen:  # without asking the critics
+            return self._feedback(p_error, 0.0)
+        return self._feedback(p_error, self.doubt(*self._seen))
 
     def advance(self, action) -> tuple:
         """Advance the task one step."""

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,17 @@ from rlihf_lib.rl.asking import Asking
 from rlihf_lib.rl.given import Given, given
 from rlihf_lib.rl.observer import OBSERVERS
 from rlihf_lib.rl.rewards import FEEDBACK, REWARDS
+from rlihf_lib.rl.schedules import SCHEDULES
 from rlihf_lib.rl.timing import Timing
 
 CONDITIONS = ("sparse", "dense", "rlihf")
-FUNCTIONS = ("observer", "reward", "feedback")  # that a run may be given
+#: Functions that a run may be given, and what else is chosen by name.
+FUNCTIONS: dict[str, dict[str, Callable]] = {
+    "observer": OBSERVERS,
+    "reward": REWARDS,
+    "feedback": FEEDBACK,
+}
+NAMED: dict[str, Collection[str]] = {"condition": CONDITIONS, "schedule": SCHEDULES, **FUNCTIONS}
 PARTS = ("sac", "timing", "asking")  # fields that have fields of their own
 # Raised by whoever changes task, observer, rewards or learner, or a default below, so that results
 # change: runs of an earlier protocol then count as missing.
@@ -90,24 +97,24 @@ class RunConfig:
     `moment -> float`."""
     feedback: str | Callable = "errp"
     """What p(error) is worth: a name of `rewards.FEEDBACK`, or a function like
-    `rewards.errp_feedback`."""
+    `rewards.errp_reward`."""
     sac: SACSettings = field(default_factory=SACSettings)
     """Hyper-parameters of the learner."""
     timing: Timing = field(default_factory=Timing)
     """When people answer: every step and at once, unless said otherwise."""
     asking: Asking = field(default_factory=Asking)
     """Which steps they are asked about: every one, unless said otherwise."""
+    schedule: str = "constant"
+    """How the weight changes in the course of training: a name of `schedules.SCHEDULES`."""
     session: int = 1
     """Parts of the rows of p(error), in their order, that as many parts of training draw from."""
     protocol: int = PROTOCOL
     """Version of task, observers, rewards and learner."""
 
     def __post_init__(self):
-        known = {"condition": CONDITIONS, "observer": OBSERVERS, "reward": REWARDS}
-        known["feedback"] = FEEDBACK
-        for name, choices in known.items():
+        for name, choices in NAMED.items():
             value = getattr(self, name)
-            if callable(value) and name != "condition":
+            if callable(value) and name in FUNCTIONS:
                 # Identified here, where its source is known: workers get the code only.
                 function = value if isinstance(value, Given) else given(value)
                 object.__setattr__(self, name, function)
@@ -118,8 +125,9 @@ class RunConfig:
                 f"condition {self.condition!r} with subject {self.subject!r}: "
                 "rlihf needs a subject, the other conditions take none"
             )
-        if self.timing != Timing() and self.asking != Asking():
-            raise ValueError("people answer late (timing), or few steps (asking), not both at once")
+        told = self.timing != Timing(), self.asking != Asking(), self.schedule != "constant"
+        if sum(told) > 1:
+            raise ValueError("choose one of timing, asking and schedule, not two at once")
 
     @property
     def run_id(self) -> str:
@@ -137,7 +145,9 @@ class RunConfig:
         changed, words = _changed(self), []
         for word in (changed[name] for name in FUNCTIONS if name in changed):
             words.append(word if isinstance(word, str) else f"{word['name']}.{word['sha256'][:6]}")
-        settings = {name: changed[name] for name in ("patience", "session") if name in changed}
+        settings = {
+            name: changed[name] for name in ("patience", "schedule", "session") if name in changed
+        }
         for part in PARTS:
             settings |= changed.get(part, {})
         for name, value in settings.items():

@@ -9,21 +9,23 @@ step's would be, so that all ways to credit it pay the same in the long run:
     What happens to be done when it arrives gets all of it: what a learner does that knows nothing
     of delays.
 "held"
-    The last answer is paid at every step until the next one.
+    The last answer is paid at every step until the next one, whatever is done.
 "event"
     It is written back to the step that was answered, which a replay buffer makes possible: with EEG
     the event's time is known to the millisecond.
 "window"
     It is written back to all steps since the event before it, as if each had been answered so.
 "kernel"
-    It is written back, as if only the mean delay were known, to the steps about that time: weights
-    fall linearly to nothing at `interval` steps before and after (after TAMER: Knox & Stone 2009).
+    It is written back, as if only the mean delay were known, to the steps of the event's episode
+    about that time: weights fall linearly to nothing at `interval` steps before and after (after
+    TAMER: Knox & Stone 2009).
 
-Where answers are written back, a step is paid what answers were on average until its own is known,
-and after that what it is above or below: the same in the mean, with less noise.
+But for "held" a step is paid what answers were on average until one is credited to it, and then
+what that is above or below: ways to credit differ in nothing else.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -63,58 +65,55 @@ class LateReward(TrainingReward):
     def __init__(self, env, *arguments, timing: Timing, rng):
         super().__init__(env, *arguments)
         self.timing, self._rng = timing, rng
-        self._now, self._first = -1, 0  # number of this step, and of the episode's first
         self._due: dict[int, list] = {}  # answers by the step they arrive at
+        self._last: dict[int, int] = {}  # step of an episode so far, but for its end, by its first
         self._paid: list[float] = []  # feedback of each step before its answer is known
         self._sum, self._n, self._held = 0.5, 1, 0.5
-
-    def reset(self, **told) -> tuple[np.ndarray, dict]:
-        """Begin an episode; answers still to come are kept."""
-        self._first = self._now + 1
-        return self.env.reset(**told)
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; its reward is what is known of it now."""
         observation, _, terminated, truncated, info = self.advance(action)
-        self._now += 1
-        moment, timing = info["moment"], self.timing
-        over = moment.success or moment.lost
-        if not over and self._now % timing.interval == 0:
-            (answer,) = map(float, self.feedback(self.observer.watch(moment)))
-            wait = timing.delay + int(self._rng.integers(timing.jitter + 1))
-            self._due.setdefault(self._now + wait, []).append((self._now, self._first, answer))
-        answers = self._due.pop(self._now, [])
+        moment, timing, now = info["moment"], self.timing, self._steps - 1
+        task: Any = self.unwrapped
+        first = self._steps - task.steps
+        if not terminated:
+            self._last[first] = now
+            if now % timing.interval == 0:
+                (answer,) = map(float, self.feedback(self.observer.watch(moment)))
+                wait = timing.delay + int(self._rng.integers(timing.jitter + 1))
+                self._due.setdefault(now + wait, []).append((now, first, answer))
+        answers = self._due.pop(now, [])
         for *_, answer in answers:
             self._held = answer
             self._sum, self._n = self._sum + answer, self._n + 1
-        known = {"arrival": 0.0, "held": self._held}
-        self._paid.append(known.get(timing.credit, self._sum / self._n))
+        self._paid.append(self._held if timing.credit == "held" else self._sum / self._n)
         late: dict[int, float] = {}
         for event, first, answer in answers:
-            for step, share in self._credited(event, first):
+            for step, share in self._credited(now, event, first):
                 amount = share * (answer - self._paid[step])
                 late[step] = late.get(step, 0.0) + self.w_hf * amount
-        if over:
+        if terminated:
             reward, _ = self.judge(moment)
         else:
             reward = task_reward(moment, self.discount) + self.w_hf * self._paid[-1]
-        reward += late.pop(self._now, 0.0)
+        reward += late.pop(now, 0.0)
         if late:
-            info["late"] = self._now - np.array(list(late)), np.array(list(late.values()))
+            info["late"] = now - np.array(list(late)), np.array(list(late.values()))
         return observation, reward, terminated, truncated, info
 
-    def _credited(self, event, first):
+    def _credited(self, now, event, first):
         """Steps that an answer is credited to, and how many times each gets it."""
         interval, credit = self.timing.interval, self.timing.credit
         if credit == "held":
             return []
         if credit in ("arrival", "event"):
-            return [(self._now if credit == "arrival" else event, interval)]
+            return [(now if credit == "arrival" else event, interval)]
         if credit == "window":
             return [(step, 1) for step in range(max(event - interval + 1, first), event + 1)]
-        guess = self._now - self.timing.delay - self.timing.jitter / 2
-        steps = np.arange(max(self._now - 2 * interval - self.timing.delay, first), self._now + 1)
-        weights = np.maximum(interval - np.abs(steps - guess), 0)
-        if not weights.any():  # the episode had only begun
-            return [(event, interval)]
-        return list(zip(steps, interval * weights / weights.sum(), strict=True))
+        guess = now - self.timing.delay - self.timing.jitter / 2
+        episode = np.arange(first, self._last[first] + 1)
+        weights = np.maximum(interval - np.abs(episode - guess), 0)
+        if not weights.any():  # it began later, or was over by then
+            return [(int(np.clip(guess, first, self._last[first])), interval)]
+        near = np.flatnonzero(weights)
+        return list(zip(episode[near], interval * weights[near] / weights.sum(), strict=True))

@@ -21,10 +21,11 @@ from rlihf_lib.files import canonical_json
 from rlihf_lib.rl.asking import Asking, AskingReward
 from rlihf_lib.rl.evaluation import EVALUATION_SEEDS, evaluate, policy_of
 from rlihf_lib.rl.feedback import check_feedback, rows_of
-from rlihf_lib.rl.observer import OBSERVERS, Observer
-from rlihf_lib.rl.rewards import FEEDBACK, REWARDS, TrainingReward
-from rlihf_lib.rl.runs import ACTOR, RunConfig
+from rlihf_lib.rl.observer import Observer
+from rlihf_lib.rl.rewards import TrainingReward
+from rlihf_lib.rl.runs import ACTOR, FUNCTIONS, RunConfig
 from rlihf_lib.rl.sac import FastSAC, make_sac
+from rlihf_lib.rl.schedules import ScheduledReward
 from rlihf_lib.rl.timing import LateReward, Timing
 from rlihf_lib.task.gym_env import PickPlaceEnv
 
@@ -42,7 +43,7 @@ class _Record(BaseCallback):
         self.config, self.observer, self.progress = config, observer, progress
         self.env = PickPlaceEnv(config.horizon)
         self.windows, self.episodes, self.evaluations = [], [], []
-        self.episode_return, self.errors_seen, self.started = 0.0, 0, 0
+        self.episode_return, self.seen = 0.0, np.zeros(2)
 
     def _on_training_start(self):
         self._evaluate()
@@ -81,11 +82,12 @@ class _Record(BaseCallback):
         window = {"step": self.num_timesteps, "episodes": len(self.episodes)}
         means = pd.DataFrame(self.episodes, columns=["return", *EPISODE_METRICS]).mean()
         if self.observer:
-            seen = self.observer.errors_seen - self.errors_seen
-            window["judged_wrong"] = seen / (self.num_timesteps - self.started)
-            self.errors_seen = self.observer.errors_seen
+            seen = np.array([self.observer.errors_seen, self.observer.watched])
+            wrong, watched = seen - self.seen
+            means["judged_wrong"] = wrong / watched if watched else np.nan
+            self.seen = seen
         self.windows.append({**window, **means})
-        self.episodes, self.started = [], self.num_timesteps
+        self.episodes = []
 
     def _evaluate(self):
         point = self.num_timesteps // self.config.eval_every
@@ -99,8 +101,9 @@ class _Record(BaseCallback):
     def training_table(self):
         """Training in windows of `LOG_EVERY` steps, with the update at the end of each.
 
-        Means over the episodes that ended in it, the share of its steps that looked wrong to the
-        observer, and what the learner says (`FastSAC.learning`).
+        Means over the episodes that ended in it, the share of the steps watched that looked wrong
+        to the observer, and what the learner says (`FastSAC.learning`). Returns are of rewards as
+        they were when steps were made, before answers that come late.
         """
         window = ["step", "episodes", "return", *EPISODE_METRICS, "judged_wrong"]
         update = ["step", "critic_loss", "ent_coef", "mean_q"]
@@ -115,8 +118,8 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
 
     Nobody watches if `rows` is None; `rng` and `decode` are the `Observer`'s.
     """
-    choices = (config.observer, OBSERVERS), (config.reward, REWARDS), (config.feedback, FEEDBACK)
-    looks_wrong, *functions = (one if callable(one) else known[one] for one, known in choices)
+    named = ((getattr(config, name), known) for name, known in FUNCTIONS.items())
+    looks_wrong, *functions = (one if callable(one) else known[one] for one, known in named)
     watching = rows, rng, looks_wrong, decode, config.session, config.asking.once
     observer = None if rows is None else Observer(*watching)
     weights = config.sac.discount, config.w_hf
@@ -125,6 +128,8 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
         return LateReward(env, *told, timing=config.timing, rng=rng)
     if observer and config.asking != Asking():
         return AskingReward(env, *told, asking=config.asking, rng=rng)
+    if observer and config.schedule != "constant":
+        return ScheduledReward(env, *told, schedule=config.schedule)
     return TrainingReward(env, *told)
 
 

@@ -84,8 +84,9 @@ class PickPlaceEnv(gym.Env):
         before = self.controller.hand.copy()
         self.controller.advance(np.asarray(action, float).clip(-1, 1))
         self.steps += 1
-        self.travelled += math.dist(self.controller.hand, before)
-        moment = self._judge()
+        moved = math.dist(self.controller.hand, before)
+        self.travelled += moved
+        moment = self._judge(moved)
         self._remember(moment)
         terminated = moment.success or moment.lost
         stuck = self.steps - self.advanced >= self.patience
@@ -96,7 +97,7 @@ class PickPlaceEnv(gym.Env):
         self.observation = self._observe()
         return self.observation, float(moment.success), terminated, truncated, info
 
-    def _judge(self):
+    def _judge(self, moved):
         """Tell what the step that has just been made was, as a `Moment`."""
         hand, can = self.controller.hand.copy(), self.body("can")
         tilt = math.acos(min(max(self.data.xmat[self._can_body][8], -1.0), 1.0))
@@ -122,6 +123,7 @@ class PickPlaceEnv(gym.Env):
             dropped=held_before and not self.grasped and not delivered,
             tilt=tilt,
             nearer=self.stages.nearer(state),
+            moved=moved,
         )
 
     def _is_delivered(self, can, tilt, touched):

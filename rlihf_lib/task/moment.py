@@ -34,6 +34,7 @@ class Moment:
     dropped: bool  # the hand lost the can in this step, other than on the goal
     tilt: float  # between the can's axis and the vertical, rad
     nearer: float  # than ever before to where hand or can has to go next (`Stages`)
+    moved: float  # by the hand in the step
 
     def __deepcopy__(self, memo) -> "Moment":
         """Stay as it is: SB3 copies every step's info, and nobody changes a moment."""

@@ -7,7 +7,7 @@ from rlihf_lib.rl.asking import REFIT, Asking, AskingReward
 from rlihf_lib.rl.feedback import p_error_sha256, perfect_table, synthetic_table
 from rlihf_lib.rl.observer import Observer
 from rlihf_lib.rl.reward_model import RewardModel
-from rlihf_lib.rl.rewards import alignment_reward, errp_feedback
+from rlihf_lib.rl.rewards import alignment_reward, errp_reward
 from rlihf_lib.rl.runs import RunConfig, SACSettings
 from rlihf_lib.rl.timing import Timing
 from rlihf_lib.rl.training import train_run
@@ -39,7 +39,7 @@ def played(workspace, asking, steps, table=None):
     rng = np.random.default_rng(0)
     rows = perfect_table() if table is None else table
     observer = Observer(rows, rng, once=asking.once)
-    told = Upwards(workspace), "rlihf", 0.9, W, observer, alignment_reward, errp_feedback, steps
+    told = Upwards(workspace), "rlihf", 0.9, W, observer, alignment_reward, errp_reward, steps
     env = AskingReward(*told, asking=asking, rng=rng)
     env.reset(seed=0)
     actions, paid = rng.uniform(-1, 1, (steps, 4)), np.zeros(steps)
@@ -58,19 +58,22 @@ def test_the_budget_is_spent_evenly_over_training(workspace):
 
 def test_an_epoch_answers_once_and_then_never_again(workspace):
     table = synthetic_table(1.5, 0.35, n=50)
-    env, *_ = played(workspace, Asking(once=True), 400, table)
-    assert 90 < len(env._asked) <= 100 == env.budget, "one class may be used up first"
+    env, actions, _ = played(workspace, Asking(once=True), 400, table)
+    right = (actions[env._asked, 2] > 0).sum()
+    assert max(right, len(env._asked) - right) == 50, "until one class is used up"
+    assert env._asked[-1] < 399 and env.budget == len(env._asked), "then nothing is asked"
     answers, rows = 1 - np.array(env._answers), table["p_error"].to_numpy()
     counts = [np.isclose(answers, p).sum() <= np.isclose(rows, p).sum() for p in rows]
     assert all(counts), "no epoch has answered twice"
 
 
 def test_without_a_model_only_asked_steps_know_better_than_the_mean(workspace):
-    env, actions, paid = played(workspace, Asking(budget=200), 800)
-    asked = np.isin(np.arange(800), env._asked)
-    assert set(paid[asked]) <= {0.0, W}
-    assert ((paid[asked] > 0) == (actions[asked, 2] > 0)).all()
+    env, actions, paid = played(workspace, Asking(budget=800), 3_200)
+    asked, right = np.isin(np.arange(3_200), env._asked), actions[:, 2] > 0
+    assert ((paid[asked] > W / 2) == right[asked]).all()
     assert np.ptp(paid[~asked][-300:]) < 0.05
+    contrast = paid[right].mean() - paid[~right].mean()
+    assert contrast == pytest.approx(W, rel=0.15), "as large as if every step were asked about"
 
 
 @pytest.mark.parametrize("when", ["spread", "unsure"])
@@ -86,7 +89,7 @@ def test_a_model_doubts_what_it_has_not_seen():
     rng = np.random.default_rng(0)
     inputs = rng.normal(size=(600, 6)).astype(np.float32)
     seen, right = inputs[:, 0] > 0, inputs[:, 5] > 0
-    model = RewardModel(4, 2, seed=0)
+    model = RewardModel(6, seed=0)
     for _ in range(5):
         model.fit(inputs[seen], right[seen] * 1.0)
     known, doubt = model.predict(inputs)
@@ -101,7 +104,7 @@ def test_impossible_ways_of_asking_are_refused():
         Asking(when="unsure")
     with pytest.raises(ValueError, match="budget is 0"):
         Asking(budget=-1)
-    with pytest.raises(ValueError, match="not both at once"):
+    with pytest.raises(ValueError, match="not two at once"):
         RunConfig("dense", 0, 100, 50, asking=Asking(budget=5), timing=Timing(3))
 
 

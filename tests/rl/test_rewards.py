@@ -67,20 +67,10 @@ def test_feedback_goes_on_after_the_can_has_fallen_or_stands_on_the_goal():
     assert terminated and placed == pytest.approx((1 + 0.7 * 0.75) / (1 - 0.96), rel=0.02)
 
 
-def test_what_an_answer_is_worth_may_change_in_the_course_of_training():
-    table = pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.2, 0.2]})
-    observer = Observer(table, np.random.default_rng(0))
-    fading = {"feedback": lambda p, share, _: (1 - share) * (1 - p), "total_steps": 10}
-    env = TrainingReward(PickPlaceEnv(HORIZON), "rlihf", 0.9, 0.5, observer, **fading)
-    env.reset(seed=0)
-    paid = [env.step(np.zeros(4))[1] for _ in range(12)]
-    assert paid == pytest.approx([0.5 * 0.8 * max(0, 1 - i / 10) for i in range(1, 13)])
-
-
 def test_what_an_answer_is_worth_may_depend_on_what_the_critics_know_of_the_step():
     table = pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.2, 0.2]})
     observer = Observer(table, np.random.default_rng(0))
-    doubting = {"feedback": lambda p, _, doubt: doubt * (1 - p)}
+    doubting = {"feedback": lambda p, doubt: doubt * (1 - p)}
     env = TrainingReward(PickPlaceEnv(HORIZON), "rlihf", 0.9, 0.5, observer, **doubting)
     seen, _ = env.reset(seed=0)
     assert env.step(np.zeros(4))[1] == 0, "nobody is there to doubt"

@@ -79,6 +79,24 @@ def test_no_answer_is_credited_to_another_episode():
     assert paid[24] not in (0, W), "answered by nobody: the event at 30 is of the next episode"
 
 
+@pytest.mark.parametrize("jitter", [0, 40])
+def test_a_kernel_credits_the_steps_of_the_events_episode_only(jitter):
+    timing = Timing(interval=10, delay=8, jitter=jitter, credit="kernel")
+    observer = Observer(perfect_table(), np.random.default_rng(0), certain)
+    told = PickPlaceEnv(), "rlihf", 0.9, W, observer
+    env = LateReward(*told, timing=timing, rng=np.random.default_rng(1))
+    first = np.zeros(80, int)  # step of the episode that each step is of
+    for step in range(80):
+        if step % 16 == 0:
+            env.reset(seed=0)
+        first[step] = step - step % 16
+        *_, info = env.step(expert_action(env.unwrapped))
+        if "late" in info:
+            credited = step - info["late"][0]
+            events = [e for e in range(0, step + 1, 10) if step - 8 - jitter <= e <= step - 8]
+            assert set(first[credited]) <= {first[e] for e in events}
+
+
 def test_impossible_timings_are_refused():
     with pytest.raises(ValueError, match="credit is 'never'; choose one of arrival, held"):
         Timing(credit="never")
