@@ -252,5 +252,6 @@ def _is_done(folder, subject, key):
     if not (check_sums(target, may_lack=[weights]) and (target / weights).is_file()):
         return False
     found = json.loads((target / "fold.json").read_text(encoding="utf-8"))
-    same = [same_power(found["power"][person], power) for person, power in key["power"].items()]
-    return found["hash"] == key["hash"] and all(same)
+    return found["hash"] == key["hash"] and all(
+        same_power(found["power"][person], power) for person, power in key["power"].items()
+    )

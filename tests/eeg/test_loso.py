@@ -205,6 +205,12 @@ def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(
     assert trained(dataset, DecoderSettings(max_epochs=1, ensemble=1, n_permutations=11)) == 4
 
 
+def test_all_folds_are_trained_anew_when_a_person_joins_or_leaves(dataset, trained):
+    settings = DecoderSettings(max_epochs=1, ensemble=1, n_permutations=10)
+    three = {subject: dataset[subject] for subject in SUBJECTS[:3]}
+    assert [trained(people, settings) for people in (three, dataset, three)] == [3, 4, 3]
+
+
 def test_folds_trained_on_another_processor_are_recognised(finished, dataset, tmp_path, trained):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     # Of simulated recordings, one sample in a thousand differs by the amplifier's resolution.
