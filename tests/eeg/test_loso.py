@@ -301,6 +301,28 @@ def test_results_that_were_edited_are_named_and_not_believed(finished, dataset, 
         loso.run_loso(dataset, tmp_path / "decoder", SETTINGS, workers=1)
 
 
+def test_interrupted_retraining_can_be_read_as_unfinished_and_goes_on(
+    finished, dataset, tmp_path, monkeypatch
+):
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    train, folds = loso.fit_fold, []
+
+    def interrupted(*args):
+        folds.append(args)
+        if len(folds) == 2:
+            raise KeyboardInterrupt
+        return train(*args)
+
+    monkeypatch.setattr(loso, "fit_fold", interrupted)
+    others = dataclasses.replace(SETTINGS, max_epochs=1)
+    with pytest.raises(KeyboardInterrupt):
+        loso.run_loso(dataset, tmp_path, others, workers=1)
+    with pytest.raises(FileNotFoundError, match="does not exist yet; run notebook 02"):
+        loso.load_decoder(tmp_path, "s02")
+    loso.run_loso(dataset, tmp_path, others, workers=1)
+    assert len(folds) == 5 and loso.load_decoder(tmp_path, "s02")
+
+
 def test_the_config_says_what_was_run(finished):
     config = json.loads((finished / "config.json").read_text())
     assert config["subjects"] == SUBJECTS
