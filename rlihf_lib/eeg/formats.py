@@ -114,10 +114,12 @@ def named_events(raw, recording) -> pd.DataFrame:
     found = pd.DataFrame({"onset": told.onset - raw.first_time, "name": told.description})
     found = found[~found["name"].str.lower().str.startswith(_CUTS)]
     if "stim" in raw.get_channel_types():
-        # Above 16 bits BioSemi tells of its battery.
-        mask = {"mask": 2**16 - 1, "mask_type": "and"} if recording.format == ".bdf" else {}
+        # As live (`lsl`), every change to a value is an event, however short, also a fall.
+        how: dict = {"consecutive": True, "shortest_event": 1}
+        if recording.format == ".bdf":  # above 16 bits BioSemi tells of its battery
+            how |= {"mask": 2**16 - 1, "mask_type": "and"}
         with _reading(recording):
-            pulses = mne.find_events(raw, shortest_event=1, verbose="error", **mask)
+            pulses = mne.find_events(raw, verbose="error", **how)
         onset = (pulses[:, 0] - raw.first_samp) / sfreq
         more = pd.DataFrame({"onset": onset, "name": pulses[:, 2].astype(str)})
         found = pd.concat([found, more]).drop_duplicates().sort_values("onset", kind="stable")

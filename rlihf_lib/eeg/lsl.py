@@ -92,7 +92,7 @@ class LiveDecoder:
             )
         else:
             self._trigger, self._codes = names.index(trigger), [float(code) for code in events]
-        self._code, self._heard, self._stamps = 0.0, local_clock(), np.empty(0)
+        self._code, self._heard, self._stamps = np.nan, local_clock(), np.empty(0)
         self._waiting: list[float] = []  # stamps of markers whose sample hasn't come
         self._asked: dict[int, float] = {}  # stamps of events by their sample
         self._answers: list[Answer] = []
@@ -141,7 +141,8 @@ class LiveDecoder:
         if self._codes is not None:
             codes = np.nan_to_num(samples[:, self._trigger].astype(float), nan=self._code)
             codes = np.append(self._code, codes)
-            for i in np.flatnonzero((np.diff(codes) != 0) & np.isin(codes[1:], self._codes)):
+            # Of the very first sample nobody knows whether the value is new.
+            for i in np.flatnonzero((abs(np.diff(codes)) > 0) & np.isin(codes[1:], self._codes)):
                 self._mark(buffer.n_received + int(i), stamps[i])
             self._code = codes[-1]
         for sample, log_odds in self.stream.push((samples * self._volts).T):

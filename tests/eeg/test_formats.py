@@ -73,6 +73,16 @@ def test_a_trigger_channel_is_never_decoded(folder, planted, ending, trigger):
     assert overview.notes(folder) == [f"left out: {trigger} (of type stim)"]
 
 
+@pytest.mark.parametrize("ending", ["edf", "bdf"])
+def test_a_trigger_channel_that_holds_its_value_tells_rises_and_falls(folder, planted, ending):
+    signal, events = planted
+    path = folder / f"sub-01_eeg.{ending}"
+    writers.edf(path, signal, [(0, "9"), *numbered(events)], hold=True)
+    alternate = [name for i, (_, name) in enumerate(events) if not i or name != events[i - 1][1]]
+    labels = load_events(folder, "01", NUMBERED)["label"].tolist()
+    assert labels == [int(name == "error") for name in alternate]
+
+
 @pytest.mark.parametrize("name", ["sub-01_eeg.fif", "sub-01_eeg.set", "sub-01_eeg.vhdr"])
 def test_a_trigger_among_the_electrodes_is_refused_by_name(folder, planted, name):
     signal, events = planted

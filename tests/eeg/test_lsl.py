@@ -16,6 +16,8 @@ from rlihf_lib.__main__ import main
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.eegnet import half_second_architecture
 from rlihf_lib.eeg.ensemble import EEGNetBatch
+from rlihf_lib.eeg.folders import find
+from rlihf_lib.eeg.formats import named_events, open_recording
 from rlihf_lib.eeg.signals import InputFormat
 from rlihf_lib.eeg.streaming import CausalFilter
 from tests.eeg.amplifier import CONFIG, Amplifier
@@ -103,6 +105,22 @@ def test_p_error_comes_soon_after_the_window(played):
         latencies = [answer.latency for answer in answers]
         # 1.05 s on a quiet machine; tests run beside each other.
         assert 0.95 < min(latencies) and np.median(latencies) < 1.1, latencies
+
+
+def test_a_trigger_that_holds_its_value_gives_the_events_of_the_recording(names, tmp_path):
+    codes = np.repeat([6, 4, 6, 0, 4, 9, 6], [100, 1, 99, 50, 50, 50, 350])
+    recording, types = np.vstack([noise(700), codes]), ["eeg"] * 3 + ["stim"]
+    info = mne.create_info([*CHANNELS, "TRIG"], RATE, types)
+    file = tmp_path / "sub-01_raw.fif"
+    mne.io.RawArray(recording, info, verbose="error").save(file, verbose="error")
+    (held,), _ = find(tmp_path)
+    told = named_events(open_recording(held), held).query("name in ['4', '6']")
+    amplifier = Amplifier(names[0], [*CHANNELS, "TRIG"], RATE)
+    live = lsl.LiveDecoder(make_decoder(), names[0], ["4", "6"], trigger="TRIG", out=names[2])
+    amplifier.send(recording)
+    stamps = [answer.stamp for answer in answers_of(live, 4)]
+    expected = [amplifier.stamp(RATE * onset) for onset in told["onset"]]
+    assert len(expected) == 4 and stamps == pytest.approx(expected, abs=1e-3)
 
 
 def test_markers_belong_to_the_nearest_sample_and_p_error_to_its_marker(names):
