@@ -71,7 +71,7 @@ class LiveDecoder:
         self, decoder, stream, events, markers="", trigger="", delay=0.0, out=OUT, say=print
     ):
         self._inlet, info = connect(stream)
-        layout, names = decoder.input_format, tuple(info.get_channel_names() or ())
+        layout, names = decoder.input_format, tuple(map(str, info.get_channel_names() or ()))
         if info.sfreq != layout.sfreq:
             raise ValueError(
                 f"the LSL stream {stream!r} has {info.sfreq:g} Hz, the decoder {layout.sfreq:g} "
@@ -85,7 +85,7 @@ class LiveDecoder:
             self._markers, told = connect(markers)
             if told.dtype != "string":
                 raise ValueError(f"the LSL stream {markers!r} has no words; markers are strings")
-        elif trigger not in names or not all(event.lstrip("-").isdigit() for event in events):
+        elif names.count(trigger) != 1 or not all(event.lstrip("-").isdigit() for event in events):
             raise ValueError(
                 f"events {', '.join(events)} of the channel {trigger!r}: they are numbers, and the "
                 f"LSL stream {stream!r} has the channels {', '.join(names)}"
@@ -188,17 +188,17 @@ def connect(name) -> tuple[StreamInlet, StreamInfo]:
 
 def _volts(units, names, layout, say):
     """Volts that 1 means in each channel; those that are not decoded may have any unit."""
-    by_name = dict(zip(names, (str(unit).lower() for unit in units), strict=True))
-    told = {by_name[name] for name in layout.channels}
+    units = [str(unit).lower() for unit in units]
+    told = {units[names.index(name)] for name in layout.channels}
     if told <= {"", "none"}:
         say("the stream doesn't tell its units; taken for microvolts")
-        by_name = dict.fromkeys(names, "microvolts")
+        units = ["microvolts"] * len(units)
     elif unknown := told - UNITS.keys():
         raise ValueError(
             f"the stream's channels are in {', '.join(sorted(unknown))}; let the amplifier's "
             "software tell volts, millivolts or microvolts"
         )
-    return np.array([UNITS.get(unit, 1.0) for unit in by_name.values()])
+    return np.array([UNITS.get(unit, 1.0) for unit in units])
 
 
 def main(argv=None) -> int:

@@ -106,7 +106,7 @@ class StreamDecoder:
     """Decode the events of a stream, each as soon as the window that is decoded is full.
 
     Of the channels of the stream, by default the decoder's, those of the decoder are picked by
-    name; a ValueError says which are lacking. The stream is preprocessed or `raw`: then it is
+    name; a ValueError says which are lacking or there twice. The stream is preprocessed or `raw`: then it is
     filtered here, in the decoder's `band`, and a window that cannot be decoded, of which `flaws`
     says why, has log-odds of NaN.
     """
@@ -114,11 +114,12 @@ class StreamDecoder:
     def __init__(self, decoder, channels=None, raw=False):
         self.decoder = decoder
         layout = decoder.input_format
-        channels = tuple(channels or layout.channels)
-        if missing := [name for name in layout.channels if name not in channels]:
+        channels = layout.channels if channels is None else tuple(channels)
+        if unclear := [name for name in layout.channels if channels.count(name) != 1]:
             raise ValueError(
-                f"the stream lacks the channel(s) {', '.join(missing)} of the decoder; it has "
-                f"{', '.join(channels)}: name them alike, or train on those that both have"
+                f"the stream lacks the channel(s) {', '.join(unclear)} of the decoder, or has them "
+                f"twice; it has {', '.join(channels) or 'no names'}: name them alike, or train on "
+                "those that both have"
             )
         self._picks = [channels.index(name) for name in layout.channels]
         self._filter = CausalFilter(decoder.band, layout.sfreq) if raw else None

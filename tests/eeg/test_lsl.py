@@ -205,10 +205,23 @@ def test_units_become_volts(names, unit, factor):
     assert said == ([] if unit else ["the stream doesn't tell its units; taken for microvolts"])
 
 
+def test_channels_that_are_not_decoded_may_be_named_alike(names):
+    decoder = make_decoder()
+    amplifier = Amplifier(names[0], ["AUX", *CHANNELS, "AUX", "TRIG"], RATE, "microvolts")
+    live = lsl.LiveDecoder(decoder, names[0], ["1"], trigger="TRIG", out=names[2])
+    recording, aux = noise(400), np.ones((1, 400))
+    amplifier.send(np.vstack([aux, 1e6 * recording, aux, np.arange(400) > 99]))
+    (answer,) = answers_of(live, 1)
+    assert answer.log_odds == pytest.approx(offline(decoder, recording, (100,))[0], abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("stream", "message"),
     [
         ({"channels": ("Fz", "Cz", "TRIG")}, r"lacks the channel\(s\) Pz .* it has Fz, Cz, TRIG"),
+        ({"channels": ("", "", "", "")}, r"lacks the channel\(s\) Fz, Cz, Pz .* it has no names"),
+        ({"channels": (*CHANNELS, "Cz")}, r"lacks the channel\(s\) Cz .* or has them twice"),
+        ({"channels": (*CHANNELS, "TRIG", "TRIG")}, "they are numbers, and .* Pz, TRIG, TRIG"),
         ({"sfreq": 512.0}, "has 512 Hz, the decoder 256 Hz; set the amplifier"),
         ({"unit": "kelvin"}, "channels are in kelvin; let the amplifier's software tell volts"),
         ({"channels": CHANNELS}, r"events 1 of the channel 'TRIG': .* the channels Fz, Cz, Pz"),
