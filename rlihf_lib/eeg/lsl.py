@@ -78,7 +78,7 @@ class LiveDecoder:
                 "Hz; set the amplifier to that, or train a decoder at the amplifier's rate"
             )
         self.rate, self._name, self._delay, self._say = layout.sfreq, stream, delay, say
-        self.stream = StreamDecoder(decoder, names, raw=decoder.band is not None)
+        self.stream = StreamDecoder(decoder, names, live=True)
         self._volts = _volts(info.get_channel_units() or [""] * len(names), names, layout, say)
         self._events, self._markers, self._codes = tuple(events), None, None
         if not trigger:

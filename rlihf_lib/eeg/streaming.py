@@ -106,12 +106,12 @@ class StreamDecoder:
     """Decode the events of a stream, each as soon as the window that is decoded is full.
 
     Of the channels of the stream, by default the decoder's, those of the decoder are picked by
-    name; a ValueError says which are lacking or there twice. The stream is preprocessed or `raw`: then it is
-    filtered here, in the decoder's `band`, and a window that cannot be decoded, of which `flaws`
-    says why, has log-odds of NaN.
+    name; a ValueError says which are lacking or there twice. A `live` stream is filtered here, in
+    the decoder's `band` if it has one, and a window of it that cannot be decoded, of which `flaws`
+    says why, has log-odds of NaN; any other stream is preprocessed.
     """
 
-    def __init__(self, decoder, channels=None, raw=False):
+    def __init__(self, decoder, channels=None, live=False):
         self.decoder = decoder
         layout = decoder.input_format
         channels = layout.channels if channels is None else tuple(channels)
@@ -122,7 +122,8 @@ class StreamDecoder:
                 "those that both have"
             )
         self._picks = [channels.index(name) for name in layout.channels]
-        self._filter = CausalFilter(decoder.band, layout.sfreq) if raw else None
+        self._live, band = live, decoder.band
+        self._filter = CausalFilter(band, layout.sfreq) if live and band else None
         self.buffer = RingBuffer(len(self._picks), layout.stop - layout.start, layout.offset)
         self.latencies: list[float] = []  # s from a window's last sample to its p(error)
         self.flaws: dict[int, str] = {}  # by the event's sample
@@ -137,7 +138,7 @@ class StreamDecoder:
         decoded = []
         for sample, window in self.buffer.push(self._filter(chunk) if self._filter else chunk):
             start = time.perf_counter()
-            if self._filter and (flaw := self._flaw(window)):
+            if self._live and (flaw := self._flaw(window)):
                 self.flaws[sample] = flaw
                 decoded.append((sample, np.nan))
             else:
