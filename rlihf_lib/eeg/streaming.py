@@ -88,18 +88,21 @@ class RingBuffer:
             raise ValueError(
                 f"a chunk of shape {chunk.shape}; expected ({len(self._samples)} channels, n)"
             )
-        # Piecewise, so that a chunk longer than the buffer overwrites nothing still needed; at
-        # least once, for an event may have been marked after its samples.
-        for first in range(0, max(chunk.shape[1], 1), self.n_times):
+        # Piecewise, and only after the windows that are complete, which overwrites nothing needed.
+        for first in range(0, chunk.shape[1], self.n_times):
+            yield from self._complete()
             piece = chunk[:, first : first + self.n_times]
             where = (self.n_received + np.arange(piece.shape[1])) % self.capacity
             self._samples[:, where] = piece
             self.n_received += piece.shape[1]
-            reach = self.n_received - self.n_times - self.offset
-            while self._pending and self._pending[0] <= reach:
-                sample = self._pending.pop(0)
-                where = (sample + self.offset + np.arange(self.n_times)) % self.capacity
-                yield sample, self._samples[:, where]
+        yield from self._complete()
+
+    def _complete(self):
+        reach = self.n_received - self.n_times - self.offset
+        while self._pending and self._pending[0] <= reach:
+            sample = self._pending.pop(0)
+            where = (sample + self.offset + np.arange(self.n_times)) % self.capacity
+            yield sample, self._samples[:, where]
 
 
 class StreamDecoder:

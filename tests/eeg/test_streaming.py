@@ -90,6 +90,19 @@ def test_a_window_that_is_gone_or_never_was_is_refused():
         RingBuffer(1, 10, offset=-3).mark(0)
 
 
+@pytest.mark.parametrize("n_next", [0, 1, 5, 10, 40])
+def test_a_window_that_was_there_when_marked_is_given_whole(n_next):
+    stream = np.arange(75.0)[None]
+    buffer = RingBuffer(1, 10, n_windows=2)
+    list(buffer.push(stream[:, :35]))
+    buffer.mark(15)
+    buffer.mark(26)
+    windows = dict(buffer.push(stream[:, 35 : 35 + n_next]))
+    assert windows.keys() == ({15, 26} if n_next else {15})
+    for first, window in windows.items():
+        np.testing.assert_array_equal(window, stream[:, first : first + 10])
+
+
 def test_wrong_shape_and_nan_are_refused(decoder, stream):
     with pytest.raises(ValueError, match=r"expected \(2 channels"):
         list(RingBuffer(2, 10).push(np.zeros((3, 5))))
