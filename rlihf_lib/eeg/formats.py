@@ -242,5 +242,5 @@ def _complete(instance, recording):
     kinds = dict(zip(instance.ch_names, instance.get_channel_types(), strict=True))
     info["bads"] = [name for name in info["bads"] if kinds[name] == "eeg"]
     good = [name for name in kinds if name not in info["bads"]]
-    refuse_nan(instance.get_data(picks=good), good, info["sfreq"], path)
     interpolate(instance, path)
+    refuse_nan(instance.get_data(picks=good), good, info["sfreq"], path)

@@ -62,8 +62,8 @@ def load_epochs(folder, subject, settings) -> mne.EpochsArray:
         for edges in filters(header, settings):
             epochs.filter(*edges, picks=["eeg", "eog"], verbose="error")
         quality.remove_offset(epochs, path)
-        signals = epochs.copy().pick("eeg")
-        quality.require_eeg(signals.get_data(), signals.ch_names, path, settings.reject)
+        names = np.array(epochs.ch_names)[mne.pick_types(epochs.info, eeg=True, exclude=())]
+        quality.require_eeg(epochs.get_data(names, copy=False), names, path, settings.reject)
     epochs = join(subject, parts)
     labels = epochs.metadata["label"]
     quality.require_classes(labels, settings.events, f"{folder}: subject {subject}")

@@ -191,7 +191,7 @@ def _filtered(eeg, subject, settings, content):
         if own_files:
             events = events.drop_duplicates("sample").reset_index(drop=True)
             whole = [w for w in _windows(raw, events, settings) if w.size and np.isfinite(w).all()]
-            names = raw.copy().pick("eeg").ch_names
+            names = np.array(raw.ch_names)[mne.pick_types(raw.info, eeg=True, exclude=())]
             quality.require_eeg(whole, names, path, settings.reject)
         filtered.append((raw, events))
     return filtered
