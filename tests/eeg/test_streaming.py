@@ -181,9 +181,7 @@ def test_a_raw_stream_is_decoded_as_epochs_that_were_filtered_as_a_whole(decoder
         (lambda x: x.__setitem__(2, 0.0), "0 µV peak to peak in Pz"),
     ],
 )
-def test_what_cannot_be_decoded_is_said_and_leaves_the_prior(
-    decoder, stream, spoil, flaw, band
-):
+def test_what_cannot_be_decoded_is_said_and_leaves_the_prior(decoder, stream, spoil, flaw, band):
     decoder.band, decoder.prior = band, 0.3
     spoil(stream)
     decoding = StreamDecoder(decoder, live=True)
