@@ -55,8 +55,11 @@ def open_recording(recording) -> mne.io.BaseRaw | mne.BaseEpochs:
     if ".fif" not in recording.format:
         _set_types(instance, {n: "eog" for n in instance.ch_names if "EOG" in n.upper()})
     if table := recording.table("channels"):
-        said = _read_table(table, ["name", "type"]).drop_duplicates("name").set_index("name")
-        said = said.reindex(instance.ch_names)
+        said = _read_table(table, ["name", "type"])
+        # Of "EEG Fz" in EDF only "Fz" is left.
+        named, rest = said["name"].isin(instance.ch_names), said["name"].str.partition(" ")[2]
+        said["name"] = said["name"].where(named, rest)
+        said = said.drop_duplicates("name").set_index("name").reindex(instance.ch_names)
         _set_types(instance, said["type"].dropna().map(lambda t: _OF_BIDS.get(t.upper(), "misc")))
         if "status" in said:
             bads = said.index[said["status"] == "bad"]

@@ -363,6 +363,22 @@ def test_names_of_edf_may_begin_with_their_type(folder, planted):
     assert load_epochs(folder, "01", NUMBERED).ch_names == list(writers.NAMES)
 
 
+@pytest.mark.parametrize("in_table", ["EEG {}", "{}"])
+def test_names_of_edf_that_begin_with_their_type_are_found_in_bids_tables(
+    folder, planted, in_table
+):
+    signal, events = planted
+    names = [f"EEG {name}" for name in (*writers.NAMES, "Oz", "X1")]
+    broken = np.vstack([signal, 500 * signal[:1], signal[:1]])
+    writers.edf(folder / "sub-01_eeg.edf", broken, numbered(events), names)
+    said = dict.fromkeys(writers.NAMES, "EEG\tgood") | {"Oz": "EEG\tbad", "X1": "VEOG\tgood"}
+    rows = [f"{in_table.format(name)}\t{rest}" for name, rest in said.items()]
+    (folder / "sub-01_channels.tsv").write_text("\n".join(["name\ttype\tstatus", *rows]))
+    (recording,), _ = find(folder)
+    told = formats.header(recording)
+    assert told.bads == ("Oz",) and told.types["X1"] == "eog" and told.types["Fz"] == "eeg"
+
+
 def pack(path, n_bytes, kind=b"IM"):
     """A MATLAB file of a few bytes, one part of which says that it unpacks to so many."""
     order = "little" if kind == b"IM" else "big"
