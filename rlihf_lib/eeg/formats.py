@@ -87,7 +87,7 @@ def read_raw(recording, channels) -> tuple[mne.io.RawArray, pd.DataFrame]:
     cut = [name.lower().startswith(_CUTS) for name in told.description]
     onset, duration = told.onset[cut] - opened.first_time, told.duration[cut]
     with _reading(recording):
-        opened.pick(channels).load_data(verbose="error").reorder_channels(channels)
+        opened.pick(channels).load_data(verbose="error")
     info = opened.info
     for channel in info["chs"]:  # signals are in volts now; recordings of several gains are joined
         channel.update(cal=1.0, range=1.0)
@@ -129,14 +129,6 @@ def named_events(raw, recording) -> pd.DataFrame:
     return found.reset_index(drop=True)
 
 
-def event_names(opened, recording) -> pd.Series:
-    """Name of each event of a file that `open_recording` has opened."""
-    if isinstance(opened, mne.BaseEpochs):
-        names = {code: name for name, code in opened.event_id.items()}
-        return pd.Series(opened.events[:, 2]).map(names)
-    return named_events(opened, recording)["name"]
-
-
 def labelled_epochs(data, info, tmin, metadata) -> mne.EpochsArray:
     """Epochs with events ``correct`` and ``error`` from data in volts that start `tmin` s after it.
 
@@ -173,17 +165,17 @@ def _header(recording, stamps):
             f"{path} is sampled at {info['sfreq']:g} Hz; at least {MIN_SFREQ:g} Hz are needed, at "
             f"most {MAX_SFREQ:g} believed, so export it at another rate"
         )
-    epoched = isinstance(opened, mne.BaseEpochs)
-    n_times = len(opened.times) * (len(opened.events) if epoched else 1)
-    refuse_vast(n_times * len(types) * np.dtype(float).itemsize, path)
+    n_epochs = len(opened.events) if isinstance(opened, mne.BaseEpochs) else None
+    n_values = len(types) * len(opened.times) * (n_epochs or 1)
+    refuse_vast(n_values * np.dtype(float).itemsize, path)
     return Header(
         sfreq=info["sfreq"],
         types=types,
         band=(info["highpass"], info["lowpass"]),
         bads=tuple(info["bads"]),
         unapplied=tuple(proj["desc"] for proj in info["projs"] if not proj["active"]),
-        n_epochs=len(opened.events) if epoched else None,
-        n_times=len(opened.times) if epoched else opened.n_times,
+        n_epochs=n_epochs,
+        n_times=len(opened.times),
     )
 
 

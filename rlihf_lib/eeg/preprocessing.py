@@ -127,7 +127,6 @@ def load_events(eeg, subject, settings=Preprocessing()) -> pd.DataFrame:
     Columns are `COLUMNS`: sample is the onset in the preprocessed data; label 0 correct, 1 error,
     -1 neither; status one of kept, artefact, human error, no outcome, past the end.
     """
-    recordings.require_continuous(eeg)
     table = _cut_files(eeg, subject, settings)[1]
     return pd.read_csv(table, dtype={"subject": str, "session": str}, keep_default_na=False)
 

@@ -87,11 +87,11 @@ def test_git_blob_id_is_what_git_computes(tmp_path):
     assert hri.git_blob_id(file) == "ce013625030ba8dba906f756967f9e9ca394464a"
 
 
-def test_the_package_knows_every_recording_of_both_scenarios():
+def test_the_package_knows_the_recordings_of_every_subject_and_no_other():
     blobs = hri.blob_ids()
-    recordings = [path for path in blobs if path.endswith((".set", ".fdt"))]
-    assert len(recordings) == 48
-    assert "robot/s12_cursor.set" in blobs
+    places = {hri.place(subject, suffix) for subject in hri.SUBJECTS for suffix in (".set", ".fdt")}
+    assert places == {hri.cache_dir() / "errp-hri" / path for path in blobs}
+    assert len(places) == 24 and "robot/s12_cursor.set" in blobs
     assert all(len(blob) == 40 for blob in blobs.values())
 
 
