@@ -82,8 +82,12 @@ def locked(path, say=lambda owner: None) -> Iterator[IO[str]]:
     """Hold the lock of a file, which is made; `say` gets what its owner wrote, if one waits."""
     path = Path(path)
     make_folder(path.parent)
+    try:
+        lock = path.open("a+", encoding="utf-8")
+    except OSError as error:
+        raise cannot_write(path, error) from error
     # The system lets go of the lock when its owner dies, however it does: no lock grows stale.
-    with path.open("a+", encoding="utf-8") as lock:
+    with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -30,7 +30,7 @@ def full_disk(tmp_path):
 
     if mount(1):
         pytest.skip("only root may mount a small disk")
-    yield disk, lambda pages: mount(pages, "remount")
+    yield disk, lambda pages, *options: mount(pages, "remount", *options)
     subprocess.run(["umount", disk], check=True)
 
 

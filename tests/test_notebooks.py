@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import nbformat
 import pandas as pd
 import pytest
@@ -18,6 +19,7 @@ from rlihf_lib.report.saving import stale
 from rlihf_lib.rl.runs import is_done
 from rlihf_lib.study import REPOSITORY, STAGES, Study
 from rlihf_lib.vary import vary
+from tests.eeg.conftest import planted_epochs
 
 NAMES = list(dict.fromkeys(step.notebook for step in STEPS))
 PARAMETERS = {
@@ -80,6 +82,51 @@ def test_each_notebook_opens_with_the_paper_and_ends_with_its_own_check(name):
     assert cells[0].cell_type == "markdown" and "paper says" in cells[0].source
     code = [cell.source for cell in cells if cell.cell_type == "code"]
     assert "assert " in code[-1] and "expected" in code[-1]
+
+
+def cells_with(name, *parts):
+    """Source of the cells of a notebook that hold these words, each of which one does."""
+    sources = [cell.source for cell in read(name).cells if cell.cell_type == "code"]
+    found = [[source for source in sources if part in source] for part in parts]
+    assert [len(each) for each in found] == [1] * len(parts)
+    return [source for (source,) in found]
+
+
+def test_a_kept_table_of_other_people_or_recordings_is_made_again(tmp_path):
+    (tmp_path / "mine").mkdir()
+    parts = "use_style()", 'find_table("latency.csv")'
+    imports, latency = cells_with("02_loso_decoder", *parts)
+
+    def shown(**recorded):
+        """AUROC of each person in the shortest window, and when its table was made."""
+        for number, seed in recorded.items():
+            epochs = planted_epochs(seed, amplitude=3e-6)
+            epochs.save(tmp_path / "mine" / f"sub-{number}_epo.fif", overwrite=True)
+        folders = {"eeg": tmp_path / "mine", "out": tmp_path / "out"}
+        told = {"profile": "quick", "events": ["correct", "error"], "drop_channels": []}
+        cell = {**folders, **told, "ship": False, "subject": "", "recompute": False}
+        with plt.rc_context():
+            exec(imports, cell)
+            cell["save_figure"] = lambda *_: None
+            exec(latency, cell)
+        shortest = cell["latency"].drop_duplicates("subject").set_index("subject")["auroc"]
+        return shortest.to_dict(), cell["latency_csv"].stat().st_mtime_ns
+
+    three = shown(n1=1, n2=2, n3=3)
+    assert shown() == three, "the same people: it is kept"
+    four = shown(n4=4)
+    assert list(four[0]) == ["n1", "n2", "n3", "n4"]
+    assert shown(n4=5)[0] != four[0]
+
+
+def test_waves_of_other_people_are_not_drawn_beside_p_error(tmp_path, capsys):
+    (source,) = cells_with("04_metrics_tables", 'find_table("difference_waves.csv")')
+    study = Study("smoke", out=tmp_path)
+    study.tables.mkdir(parents=True)
+    (study.tables / "difference_waves.csv").write_text("s02,s03,channel,time\n0,0,Cz,0\n")
+    scores = pd.DataFrame({"subject": ["s02", "s03", "s04"]})
+    exec(source, {"study": study, "scores": scores, "pd": pd})
+    assert "Notebook 01 has not drawn these people's waves" in capsys.readouterr().out
 
 
 @pytest.fixture(scope="session")

@@ -55,8 +55,11 @@ def open_recording(recording) -> mne.io.BaseRaw | mne.BaseEpochs:
     if ".fif" not in recording.format:
         _set_types(instance, {n: "eog" for n in instance.ch_names if "EOG" in n.upper()})
     if table := recording.table("channels"):
-        said = _read_table(table, ["name", "type"]).drop_duplicates("name").set_index("name")
-        said = said.reindex(instance.ch_names)
+        said = _read_table(table, ["name", "type"])
+        # Of "EEG Fz" in EDF only "Fz" is left.
+        named, rest = said["name"].isin(instance.ch_names), said["name"].str.partition(" ")[2]
+        said["name"] = said["name"].where(named, rest)
+        said = said.drop_duplicates("name").set_index("name").reindex(instance.ch_names)
         _set_types(instance, said["type"].dropna().map(lambda t: _OF_BIDS.get(t.upper(), "misc")))
         if "status" in said:
             bads = said.index[said["status"] == "bad"]
@@ -84,7 +87,7 @@ def read_raw(recording, channels) -> tuple[mne.io.RawArray, pd.DataFrame]:
     cut = [name.lower().startswith(_CUTS) for name in told.description]
     onset, duration = told.onset[cut] - opened.first_time, told.duration[cut]
     with _reading(recording):
-        opened.pick(channels).load_data(verbose="error").reorder_channels(channels)
+        opened.pick(channels).load_data(verbose="error")
     info = opened.info
     for channel in info["chs"]:  # signals are in volts now; recordings of several gains are joined
         channel.update(cal=1.0, range=1.0)
@@ -114,22 +117,16 @@ def named_events(raw, recording) -> pd.DataFrame:
     found = pd.DataFrame({"onset": told.onset - raw.first_time, "name": told.description})
     found = found[~found["name"].str.lower().str.startswith(_CUTS)]
     if "stim" in raw.get_channel_types():
-        # Above 16 bits BioSemi tells of its battery.
-        mask = {"mask": 2**16 - 1, "mask_type": "and"} if recording.format == ".bdf" else {}
+        # As live (`lsl`), every change to a value is an event, however short, also a fall.
+        how: dict = {"consecutive": True, "shortest_event": 1}
+        if recording.format == ".bdf":  # above 16 bits BioSemi tells of its battery
+            how |= {"mask": 2**16 - 1, "mask_type": "and"}
         with _reading(recording):
-            pulses = mne.find_events(raw, shortest_event=1, verbose="error", **mask)
+            pulses = mne.find_events(raw, verbose="error", **how)
         onset = (pulses[:, 0] - raw.first_samp) / sfreq
         more = pd.DataFrame({"onset": onset, "name": pulses[:, 2].astype(str)})
         found = pd.concat([found, more]).drop_duplicates().sort_values("onset", kind="stable")
     return found.reset_index(drop=True)
-
-
-def event_names(opened, recording) -> pd.Series:
-    """Name of each event of a file that `open_recording` has opened."""
-    if isinstance(opened, mne.BaseEpochs):
-        names = {code: name for name, code in opened.event_id.items()}
-        return pd.Series(opened.events[:, 2]).map(names)
-    return named_events(opened, recording)["name"]
 
 
 def labelled_epochs(data, info, tmin, metadata) -> mne.EpochsArray:
@@ -168,17 +165,17 @@ def _header(recording, stamps):
             f"{path} is sampled at {info['sfreq']:g} Hz; at least {MIN_SFREQ:g} Hz are needed, at "
             f"most {MAX_SFREQ:g} believed, so export it at another rate"
         )
-    epoched = isinstance(opened, mne.BaseEpochs)
-    n_times = len(opened.times) * (len(opened.events) if epoched else 1)
-    refuse_vast(n_times * len(types) * np.dtype(float).itemsize, path)
+    n_epochs = len(opened.events) if isinstance(opened, mne.BaseEpochs) else None
+    n_values = len(types) * len(opened.times) * (n_epochs or 1)
+    refuse_vast(n_values * np.dtype(float).itemsize, path)
     return Header(
         sfreq=info["sfreq"],
         types=types,
         band=(info["highpass"], info["lowpass"]),
         bads=tuple(info["bads"]),
         unapplied=tuple(proj["desc"] for proj in info["projs"] if not proj["active"]),
-        n_epochs=len(opened.events) if epoched else None,
-        n_times=len(opened.times) if epoched else opened.n_times,
+        n_epochs=n_epochs,
+        n_times=len(opened.times),
     )
 
 
@@ -240,5 +237,5 @@ def _complete(instance, recording):
     kinds = dict(zip(instance.ch_names, instance.get_channel_types(), strict=True))
     info["bads"] = [name for name in info["bads"] if kinds[name] == "eeg"]
     good = [name for name in kinds if name not in info["bads"]]
-    refuse_nan(instance.get_data(picks=good), good, info["sfreq"], path)
     interpolate(instance, path)
+    refuse_nan(instance.get_data(picks=good), good, info["sfreq"], path)

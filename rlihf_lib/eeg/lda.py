@@ -59,14 +59,14 @@ def across_subjects(cohort, settings=DEFAULTS, spatial=whitening, ends=()) -> pd
     """
     people = {}
     for subject in cohort:
-        signals, labels, width = _window(subject, cohort[subject], settings)
+        signals, labels, width, first = _window(subject, cohort[subject], settings)
         means = _flat((spatial(signals) @ averaged(signals, width)).transpose(0, 2, 1))
         split = (means[labels == label] for label in (0, 1))
         people[subject] = [(x, x.sum(axis=0), x.T @ x) for x in split]
-    n_channels, rate, first = signals.shape[1], cohort[subject].info["sfreq"], settings.window[0]
+    n_channels, rate = signals.shape[1], cohort[subject].info["sfreq"]
     longest = means.shape[1] // n_channels
     counts = {end: round((end - first) * rate) // width for end in ends}
-    counts = {end: n for end, n in counts.items() if n <= longest}
+    counts = {end: n for end, n in counts.items() if 0 < n <= longest}
     rows = []
     for fold in leave_one_subject_out(list(cohort)):
         pool = fold.training_pool(people).values()
@@ -92,11 +92,9 @@ def _linear(classes, n, n_channels):
     return weights, np.log(n_error / n_correct) - weights @ (error + correct)[:size] / 2
 
 
-def features(
-    subject, epochs, settings=DEFAULTS, spatial=whitening
-) -> tuple[np.ndarray, np.ndarray]:
+def features(subject, epochs, settings, spatial) -> tuple[np.ndarray, np.ndarray]:
     """50-ms means that `across_subjects` decodes, (n, n_channels * n_means), and labels, (n,)."""
-    signals, labels, width = _window(subject, epochs, settings)
+    signals, labels, width, _ = _window(subject, epochs, settings)
     return _flat(spatial(signals) @ averaged(signals, width)), labels
 
 
@@ -133,7 +131,7 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
     """
     rows = []
     for subject in cohort:
-        signals, labels, width = _window(subject, cohort[subject], settings)
+        signals, labels, width, _ = _window(subject, cohort[subject], settings)
         means, each = averaged(signals, width), covariances(signals)
         fold = np.arange(len(labels)) * N_FOLDS // len(labels)
         decision = np.zeros(len(labels))
@@ -149,11 +147,11 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
 
 
 def _window(subject, epochs, settings):
-    """Signals in the window, channels by name; labels; samples that make one mean."""
+    """Signals in the window, channels by name; labels; samples that make one mean; its start, s."""
     taken = SubjectEpochs.from_mne(subject, epochs, settings.channels)
     layout = InputFormat.of(taken, settings.window)
     signals = layout.pick(taken)[:, np.argsort(layout.channels), layout.start : layout.stop]
-    return signals, taken.labels, round(STEP * layout.sfreq)
+    return signals, taken.labels, round(STEP * layout.sfreq), layout.offset / layout.sfreq
 
 
 def _flat(means):

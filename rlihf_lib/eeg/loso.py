@@ -110,6 +110,7 @@ def _run_folds(cohort, folder, settings, workers, recompute):
     data, identities, input_format = _conditioned(cohort, settings)
     keys = {fold.test: _fold_key(fold, settings, input_format, identities) for fold in folds}
     missing = [f for f in folds if recompute or not _is_done(folder, f.test, keys[f.test])]
+    (folder / SUMS).unlink(missing_ok=True)  # of weights and tables that are replaced from here on
     run = partial(_run_fold, cohort, input_format, settings, folder)
     jobs = [(fold.training_pool(data), keys[fold.test]) for fold in missing]
     n_processes = min(workers or os.cpu_count() or 1, -(-len(jobs) // _FOLDS_PER_WORKER))
@@ -123,7 +124,6 @@ def _run_folds(cohort, folder, settings, workers, recompute):
         "subjects": subjects,
         "folds": {subject: key["hash"] for subject, key in keys.items()},
     }
-    (folder / SUMS).unlink(missing_ok=True)
     read = partial(pd.read_csv, dtype={"subject": str}, float_precision="round_trip")
     for name in TABLES:
         files = [folder / "folds" / subject / f"{name}.csv" for subject in subjects]
@@ -252,5 +252,6 @@ def _is_done(folder, subject, key):
     if not (check_sums(target, may_lack=[weights]) and (target / weights).is_file()):
         return False
     found = json.loads((target / "fold.json").read_text(encoding="utf-8"))
-    same = [same_power(found["power"][person], power) for person, power in key["power"].items()]
-    return found["hash"] == key["hash"] and all(same)
+    return found["hash"] == key["hash"] and all(
+        same_power(found["power"][person], power) for person, power in key["power"].items()
+    )

@@ -71,28 +71,28 @@ class LiveDecoder:
         self, decoder, stream, events, markers="", trigger="", delay=0.0, out=OUT, say=print
     ):
         self._inlet, info = connect(stream)
-        layout, names = decoder.input_format, tuple(info.get_channel_names() or ())
+        layout, names = decoder.input_format, tuple(map(str, info.get_channel_names() or ()))
         if info.sfreq != layout.sfreq:
             raise ValueError(
                 f"the LSL stream {stream!r} has {info.sfreq:g} Hz, the decoder {layout.sfreq:g} "
                 "Hz; set the amplifier to that, or train a decoder at the amplifier's rate"
             )
         self.rate, self._name, self._delay, self._say = layout.sfreq, stream, delay, say
-        self.stream = StreamDecoder(decoder, names, raw=decoder.band is not None)
+        self.stream = StreamDecoder(decoder, names, live=True)
         self._volts = _volts(info.get_channel_units() or [""] * len(names), names, layout, say)
         self._events, self._markers, self._codes = tuple(events), None, None
         if not trigger:
             self._markers, told = connect(markers)
             if told.dtype != "string":
                 raise ValueError(f"the LSL stream {markers!r} has no words; markers are strings")
-        elif trigger not in names or not all(event.lstrip("-").isdigit() for event in events):
+        elif names.count(trigger) != 1 or not all(event.lstrip("-").isdigit() for event in events):
             raise ValueError(
                 f"events {', '.join(events)} of the channel {trigger!r}: they are numbers, and the "
                 f"LSL stream {stream!r} has the channels {', '.join(names)}"
             )
         else:
             self._trigger, self._codes = names.index(trigger), [float(code) for code in events]
-        self._code, self._heard, self._stamps = 0.0, local_clock(), np.empty(0)
+        self._code, self._heard, self._stamps = np.nan, local_clock(), np.empty(0)
         self._waiting: list[float] = []  # stamps of markers whose sample hasn't come
         self._asked: dict[int, float] = {}  # stamps of events by their sample
         self._answers: list[Answer] = []
@@ -141,7 +141,8 @@ class LiveDecoder:
         if self._codes is not None:
             codes = np.nan_to_num(samples[:, self._trigger].astype(float), nan=self._code)
             codes = np.append(self._code, codes)
-            for i in np.flatnonzero((np.diff(codes) != 0) & np.isin(codes[1:], self._codes)):
+            # Of the very first sample nobody knows whether the value is new.
+            for i in np.flatnonzero((abs(np.diff(codes)) > 0) & np.isin(codes[1:], self._codes)):
                 self._mark(buffer.n_received + int(i), stamps[i])
             self._code = codes[-1]
         for sample, log_odds in self.stream.push((samples * self._volts).T):
@@ -187,17 +188,17 @@ def connect(name) -> tuple[StreamInlet, StreamInfo]:
 
 def _volts(units, names, layout, say):
     """Volts that 1 means in each channel; those that are not decoded may have any unit."""
-    by_name = dict(zip(names, (str(unit).lower() for unit in units), strict=True))
-    told = {by_name[name] for name in layout.channels}
+    units = [str(unit).lower() for unit in units]
+    told = {units[names.index(name)] for name in layout.channels}
     if told <= {"", "none"}:
         say("the stream doesn't tell its units; taken for microvolts")
-        by_name = dict.fromkeys(names, "microvolts")
+        units = ["microvolts"] * len(units)
     elif unknown := told - UNITS.keys():
         raise ValueError(
             f"the stream's channels are in {', '.join(sorted(unknown))}; let the amplifier's "
             "software tell volts, millivolts or microvolts"
         )
-    return np.array([UNITS.get(unit, 1.0) for unit in by_name.values()])
+    return np.array([UNITS.get(unit, 1.0) for unit in units])
 
 
 def main(argv=None) -> int:

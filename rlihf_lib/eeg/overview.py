@@ -24,7 +24,9 @@ def notes(eeg, drop=()) -> list[str]:
         lines.append(f"links that lead out of the folder, followed: {few(out)}")
     kept = own.common_channels(held, drop)
     lines += [f"left out: {' '.join(names)} ({why})" for why, names in _left_out(held, kept, drop)]
+    bands: dict[str, list] = {}
     for recording, header in held.items():
+        bands.setdefault(_band(header, Preprocessing()), []).append(recording.path.name)
         if bads := [name for name in header.bads if name in kept]:
             lines.append(f"interpolated, marked bad in {recording.path.name}: {' '.join(bads)}")
     unapplied = [
@@ -34,9 +36,6 @@ def notes(eeg, drop=()) -> list[str]:
         lines.append(
             f"projectors that files hold but don't apply are not applied: {few(unapplied)}"
         )
-    bands: dict[str, list] = {}
-    for recording, header in held.items():
-        bands.setdefault(_band(header, Preprocessing()), []).append(recording.path.name)
     if len(bands) > 1:
         told = "; ".join(f"{band} {few(names)}" for band, names in bands.items())
         lines.append(f"signals are of different bands, which makes people differ: {told}")
@@ -59,8 +58,13 @@ def describe(eeg, drop=()) -> str:
             "band (Hz)": "{:g} to {:g}".format(*header.band), "bad": " ".join(header.bads) or "-",
         })  # fmt: skip
         opened = formats.open_recording(recording)
-        names = formats.event_names(opened, recording).value_counts()
-        counts[recording.subject] = names.add(counts.get(recording.subject, 0), fill_value=0)
+        if header.n_epochs is None:
+            names = formats.named_events(opened, recording)["name"]
+        else:
+            codes = {code: name for name, code in opened.event_id.items()}
+            names = pd.Series(opened.events[:, 2]).map(codes)
+        known = counts.get(recording.subject, 0)
+        counts[recording.subject] = names.value_counts().add(known, fill_value=0)
         channels.set_positions(opened)
         lost |= dict.fromkeys(n for n in channels.unlocated(opened.info) if n in kept)
     sessions = {(recording.subject, recording.session) for recording in held}

@@ -1,6 +1,6 @@
 """One's own EEG, a folder of recordings or epochs: whose, on which channels, with which labels."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 import mne
@@ -54,20 +54,29 @@ def common_channels(headers, drop=()) -> list[str]:
 def load_epochs(folder, subject, settings) -> mne.EpochsArray:
     """Epochs of a subject of a folder of epochs, in the band of the settings if they are long.
 
-    A ValueError says if they are no EEG (`quality`), or cannot be had: as `subject_epochs`, `join`.
+    A ValueError says if they are no EEG (`quality`), not alike, or cannot be had: `subject_epochs`.
     """
     parts = subject_epochs(folder, subject, settings.events, settings.drop_channels)
+    first, layouts = parts[0][1], []
     for recording, epochs in parts:
         path, header = recording.path, formats.header(recording)
         for edges in filters(header, settings):
             epochs.filter(*edges, picks=["eeg", "eog"], verbose="error")
         quality.remove_offset(epochs, path)
-        signals = epochs.copy().pick("eeg")
-        quality.require_eeg(signals.get_data(), signals.ch_names, path, settings.reject)
-    epochs = join(subject, parts)
-    labels = epochs.metadata["label"]
-    quality.require_classes(labels, settings.events, f"{folder}: subject {subject}")
-    return epochs
+        names = np.array(epochs.ch_names)[mne.pick_types(epochs.info, eeg=True, exclude=())]
+        quality.require_eeg(epochs.get_data(names, copy=False), names, path, settings.reject)
+        layouts.append((epochs.info["sfreq"], epochs.tmin, len(epochs.times)))
+        if layouts[-1] != layouts[0]:
+            raise ValueError(
+                f"{path}: sampling rate, window start and samples {layouts[-1]} differ from the "
+                f"first session's, {layouts[0]}; export all sessions of a subject alike"
+            )
+    table = pd.concat([epochs.metadata for _, epochs in parts], ignore_index=True)
+    quality.require_classes(table["label"], settings.events, f"{folder}: subject {subject}")
+    table.insert(0, "subject", subject)
+    table.insert(2, "epoch", np.arange(len(table)))
+    data = np.concatenate([epochs.get_data(copy=False) for _, epochs in parts])
+    return formats.labelled_epochs(data, first.info, first.tmin, table)
 
 
 def filters(header, settings) -> list[tuple]:
@@ -132,23 +141,6 @@ def subject_epochs(
             found.append((recording, epochs))
     _require_events(folder, subject, events, names, [e.metadata["label"] for _, e in found])
     return found
-
-
-def join(subject, parts: Sequence[tuple[folders.Recording, mne.BaseEpochs]]) -> mne.EpochsArray:
-    """One person's epochs of `subject_epochs`, in one; a ValueError says if they aren't alike."""
-    (_, first), layouts = parts[0], []
-    for recording, epochs in parts:
-        layouts.append((epochs.info["sfreq"], epochs.tmin, len(epochs.times)))
-        if layouts[-1] != layouts[0]:
-            raise ValueError(
-                f"{recording.path}: sampling rate, window start and samples {layouts[-1]} differ "
-                f"from the first session's, {layouts[0]}; export all sessions of a subject alike"
-            )
-    table = pd.concat([epochs.metadata for _, epochs in parts], ignore_index=True)
-    table.insert(0, "subject", subject)
-    table.insert(2, "epoch", np.arange(len(table)))
-    data = np.concatenate([epochs.get_data(copy=False) for _, epochs in parts])
-    return formats.labelled_epochs(data, first.info, first.tmin, table)
 
 
 def label_codes(names: Iterable[str], events, path) -> dict[str, int]:

@@ -127,7 +127,6 @@ def load_events(eeg, subject, settings=Preprocessing()) -> pd.DataFrame:
     Columns are `COLUMNS`: sample is the onset in the preprocessed data; label 0 correct, 1 error,
     -1 neither; status one of kept, artefact, human error, no outcome, past the end.
     """
-    recordings.require_continuous(eeg)
     table = _cut_files(eeg, subject, settings)[1]
     return pd.read_csv(table, dtype={"subject": str, "session": str}, keep_default_na=False)
 
@@ -191,7 +190,7 @@ def _filtered(eeg, subject, settings, content):
         if own_files:
             events = events.drop_duplicates("sample").reset_index(drop=True)
             whole = [w for w in _windows(raw, events, settings) if w.size and np.isfinite(w).all()]
-            names = raw.copy().pick("eeg").ch_names
+            names = np.array(raw.ch_names)[mne.pick_types(raw.info, eeg=True, exclude=())]
             quality.require_eeg(whole, names, path, settings.reject)
         filtered.append((raw, events))
     return filtered

@@ -9,6 +9,7 @@ stays below the limit of artefacts and comes with one class only is found by wha
 import os
 import warnings
 
+import mne
 import numpy as np
 
 #: V, standard deviation within epochs of the median channel (8 to 22 µV).
@@ -58,14 +59,15 @@ def interpolate(instance, path) -> None:
 
 def remove_offset(epochs, path) -> None:
     """Take the mean out of each epoch if an offset, which filters can't reach, is all one sees."""
-    values = epochs.get_data(picks="eeg", copy=False)
+    picks = mne.pick_types(epochs.info, eeg=True, exclude=())
+    values = epochs.get_data(picks, copy=False)
     offset = np.median(np.abs(values.mean(axis=2)), axis=0)
     spread = np.median(values.std(axis=2), axis=0)
     if (offset > np.maximum(OFFSET, RELATIVE_OFFSET * spread)).any():
         worst = int(offset.argmax())
         warnings.warn(
             f"{path}: channels have offsets (up to {1e6 * offset[worst]:.0f} µV, on "
-            f"{epochs.copy().pick('eeg').ch_names[worst]}) and epochs are too short to be filtered "
+            f"{epochs.ch_names[picks[worst]]}) and epochs are too short to be filtered "
             "better, so the mean of each is taken out",
             stacklevel=2,
         )

@@ -24,7 +24,10 @@ def is_continuous(eeg) -> bool:
 def require_continuous(eeg) -> None:
     """Refuse a folder of epochs, where a continuous signal is needed."""
     if not is_continuous(eeg):
-        raise ValueError(f"{eeg} holds epochs, not continuous data; choose 'simulated' or 'hri'")
+        raise ValueError(
+            f"{eeg} holds epochs, not continuous data; choose 'simulated', 'hri', or a folder of "
+            "continuous recordings"
+        )
 
 
 def sfreq(eeg, highest) -> float:

@@ -39,10 +39,10 @@ class SubjectEpochs:
                 f"{self.channels[channel]}; drop or repair the epoch before decoding"
             )
         counts = {name: int(np.sum(self.labels == i)) for i, name in enumerate(CLASSES)}
-        if min(counts.values()) == 0 or sum(counts.values()) != n:
+        if min(counts.values()) == 0:
             raise ValueError(
-                f"subject {self.subject}: epochs by class {counts}, of {n}; both classes are "
-                "needed, labelled 0 (correct) and 1 (error)"
+                f"subject {self.subject}: epochs by class {counts}; both classes are needed, "
+                "labelled 0 (correct) and 1 (error)"
             )
 
     @classmethod

@@ -26,13 +26,11 @@ def fit_linear(means, labels, subjects, covariance=None) -> tuple[np.ndarray, fl
     """
     spatial = np.eye(means.shape[1]) if covariance is None else inverse_root(covariance)
     x = (spatial @ means).reshape(len(means), -1)
-    people = [subjects == subject for subject in dict.fromkeys(subjects)]
+    who, names = pd.factorize(subjects)
+    people = [who == number for number in range(len(names))]
     centres = [(x[p & (labels == 1)].mean(0) + x[p & (labels == 0)].mean(0)) / 2 for p in people]
-    centred = np.empty_like(x)
-    for rows, centre in zip(people, centres, strict=True):
-        centred[rows] = x[rows] - centre
     lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto", priors=[0.5, 0.5])
-    lda.fit(centred, labels)
+    lda.fit(x - np.array(centres)[who], labels)
     bias = float(lda.intercept_[0] - lda.coef_[0] @ np.mean(centres, axis=0))
     return spatial.T @ lda.coef_[0].reshape(means.shape[1:]), bias
 

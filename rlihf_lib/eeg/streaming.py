@@ -88,40 +88,45 @@ class RingBuffer:
             raise ValueError(
                 f"a chunk of shape {chunk.shape}; expected ({len(self._samples)} channels, n)"
             )
-        # Piecewise, so that a chunk longer than the buffer overwrites nothing still needed; at
-        # least once, for an event may have been marked after its samples.
-        for first in range(0, max(chunk.shape[1], 1), self.n_times):
+        # Piecewise, and only after the windows that are complete, which overwrites nothing needed.
+        for first in range(0, chunk.shape[1], self.n_times):
+            yield from self._complete()
             piece = chunk[:, first : first + self.n_times]
             where = (self.n_received + np.arange(piece.shape[1])) % self.capacity
             self._samples[:, where] = piece
             self.n_received += piece.shape[1]
-            reach = self.n_received - self.n_times - self.offset
-            while self._pending and self._pending[0] <= reach:
-                sample = self._pending.pop(0)
-                where = (sample + self.offset + np.arange(self.n_times)) % self.capacity
-                yield sample, self._samples[:, where]
+        yield from self._complete()
+
+    def _complete(self):
+        reach = self.n_received - self.n_times - self.offset
+        while self._pending and self._pending[0] <= reach:
+            sample = self._pending.pop(0)
+            where = (sample + self.offset + np.arange(self.n_times)) % self.capacity
+            yield sample, self._samples[:, where]
 
 
 class StreamDecoder:
     """Decode the events of a stream, each as soon as the window that is decoded is full.
 
     Of the channels of the stream, by default the decoder's, those of the decoder are picked by
-    name; a ValueError says which are lacking. The stream is preprocessed or `raw`: then it is
-    filtered here, in the decoder's `band`, and a window that cannot be decoded, of which `flaws`
-    says why, has log-odds of NaN.
+    name; a ValueError says which are lacking or there twice. A `live` stream is filtered here, in
+    the decoder's `band` if it has one, and a window of it that cannot be decoded, of which `flaws`
+    says why, has log-odds of NaN; any other stream is preprocessed.
     """
 
-    def __init__(self, decoder, channels=None, raw=False):
+    def __init__(self, decoder, channels=None, live=False):
         self.decoder = decoder
         layout = decoder.input_format
-        channels = tuple(channels or layout.channels)
-        if missing := [name for name in layout.channels if name not in channels]:
+        channels = layout.channels if channels is None else tuple(channels)
+        if unclear := [name for name in layout.channels if channels.count(name) != 1]:
             raise ValueError(
-                f"the stream lacks the channel(s) {', '.join(missing)} of the decoder; it has "
-                f"{', '.join(channels)}: name them alike, or train on those that both have"
+                f"the stream lacks the channel(s) {', '.join(unclear)} of the decoder, or has them "
+                f"twice; it has {', '.join(channels) or 'no names'}: name them alike, or train on "
+                "those that both have"
             )
         self._picks = [channels.index(name) for name in layout.channels]
-        self._filter = CausalFilter(decoder.band, layout.sfreq) if raw else None
+        self._live, band = live, decoder.band
+        self._filter = CausalFilter(band, layout.sfreq) if live and band else None
         self.buffer = RingBuffer(len(self._picks), layout.stop - layout.start, layout.offset)
         self.latencies: list[float] = []  # s from a window's last sample to its p(error)
         self.flaws: dict[int, str] = {}  # by the event's sample
@@ -136,7 +141,7 @@ class StreamDecoder:
         decoded = []
         for sample, window in self.buffer.push(self._filter(chunk) if self._filter else chunk):
             start = time.perf_counter()
-            if self._filter and (flaw := self._flaw(window)):
+            if self._live and (flaw := self._flaw(window)):
                 self.flaws[sample] = flaw
                 decoded.append((sample, np.nan))
             else:

@@ -58,5 +58,4 @@ def _epochs(subject, tiredness):
     raw.filter(settings.l_freq, settings.h_freq, picks=["eeg", "eog"], verbose="error")
     events = hri.feedback_events(raw)
     events["sample"] = np.round(events["onset"] * raw.info["sfreq"]).astype(int)
-    events = events.assign(subject=subject, session="simulated")
     return SubjectEpochs.from_mne(subject, cut(raw, events, settings))

@@ -73,6 +73,16 @@ def test_a_trigger_channel_is_never_decoded(folder, planted, ending, trigger):
     assert overview.notes(folder) == [f"left out: {trigger} (of type stim)"]
 
 
+@pytest.mark.parametrize("ending", ["edf", "bdf"])
+def test_a_trigger_channel_that_holds_its_value_tells_rises_and_falls(folder, planted, ending):
+    signal, events = planted
+    path = folder / f"sub-01_eeg.{ending}"
+    writers.edf(path, signal, [(0, "9"), *numbered(events)], hold=True)
+    alternate = [name for i, (_, name) in enumerate(events) if not i or name != events[i - 1][1]]
+    labels = load_events(folder, "01", NUMBERED)["label"].tolist()
+    assert labels == [int(name == "error") for name in alternate]
+
+
 @pytest.mark.parametrize("name", ["sub-01_eeg.fif", "sub-01_eeg.set", "sub-01_eeg.vhdr"])
 def test_a_trigger_among_the_electrodes_is_refused_by_name(folder, planted, name):
     signal, events = planted
@@ -351,6 +361,22 @@ def test_names_of_edf_may_begin_with_their_type(folder, planted):
     names = [f"EEG {name}" for name in writers.NAMES]
     writers.edf(folder / "sub-01_eeg.edf", signal, numbered(events), names)
     assert load_epochs(folder, "01", NUMBERED).ch_names == list(writers.NAMES)
+
+
+@pytest.mark.parametrize("in_table", ["EEG {}", "{}"])
+def test_names_of_edf_that_begin_with_their_type_are_found_in_bids_tables(
+    folder, planted, in_table
+):
+    signal, events = planted
+    names = [f"EEG {name}" for name in (*writers.NAMES, "Oz", "X1")]
+    broken = np.vstack([signal, 500 * signal[:1], signal[:1]])
+    writers.edf(folder / "sub-01_eeg.edf", broken, numbered(events), names)
+    said = dict.fromkeys(writers.NAMES, "EEG\tgood") | {"Oz": "EEG\tbad", "X1": "VEOG\tgood"}
+    rows = [f"{in_table.format(name)}\t{rest}" for name, rest in said.items()]
+    (folder / "sub-01_channels.tsv").write_text("\n".join(["name\ttype\tstatus", *rows]))
+    (recording,), _ = find(folder)
+    told = formats.header(recording)
+    assert told.bads == ("Oz",) and told.types["X1"] == "eog" and told.types["Fz"] == "eeg"
 
 
 def pack(path, n_bytes, kind=b"IM"):

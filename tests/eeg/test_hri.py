@@ -2,6 +2,8 @@
 
 import contextlib
 import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -18,7 +20,9 @@ CONTENT = {
 
 
 class Server:
-    """Serves `files`; cuts the connection after `cut[path]` bytes, once."""
+    """Serves `files` after `wait` s; cuts the connection after `cut[path]` bytes, once."""
+
+    wait = 0.0
 
     def __init__(self):
         self.files, self.cut, self.requests, self.ranges = dict(CONTENT), {}, [], True
@@ -36,6 +40,7 @@ def server(monkeypatch, tmp_path):
             if path not in state.files:
                 self.send_error(404)
                 return
+            time.sleep(state.wait)
             content = state.files[path]
             start = int(wanted[len("bytes=") : -1]) if wanted and state.ranges else 0
             if start and start >= len(content):
@@ -82,11 +87,11 @@ def test_git_blob_id_is_what_git_computes(tmp_path):
     assert hri.git_blob_id(file) == "ce013625030ba8dba906f756967f9e9ca394464a"
 
 
-def test_the_package_knows_every_recording_of_both_scenarios():
+def test_the_package_knows_the_recordings_of_every_subject_and_no_other():
     blobs = hri.blob_ids()
-    recordings = [path for path in blobs if path.endswith((".set", ".fdt"))]
-    assert len(recordings) == 48
-    assert "robot/s12_cursor.set" in blobs
+    places = {hri.place(subject, suffix) for subject in hri.SUBJECTS for suffix in (".set", ".fdt")}
+    assert places == {hri.cache_dir() / "errp-hri" / path for path in blobs}
+    assert len(places) == 24 and "robot/s12_cursor.set" in blobs
     assert all(len(blob) == 40 for blob in blobs.values())
 
 
@@ -113,6 +118,41 @@ def test_an_interrupted_transfer_resumes_where_it_stopped(server, blobs, tmp_pat
     resumed_at = int(second[1][len("bytes=") : -1])
     assert 0 < resumed_at <= 100_000
     assert not list(folder(tmp_path).rglob("*.partial"))
+
+
+def test_two_that_want_the_same_recording_download_it_once(server, blobs):
+    server.wait = 0.3
+    with ThreadPoolExecutor(2) as pool:
+        paths = set(pool.map(hri.recording, ["s02", "s02"]))
+    assert {path.with_suffix(".fdt").read_bytes() for path in paths} == {
+        CONTENT["cursor/s02_cursor.fdt"]
+    }
+    assert len(server.requests) == 2
+
+
+def test_a_place_that_cannot_be_written_is_named_and_a_full_one_resumed(
+    server, blobs, full_disk, monkeypatch
+):
+    disk, resize = full_disk
+    monkeypatch.setenv("RLIHF_CACHE", str(disk))
+    (disk / "errp-hri" / "cursor").mkdir(parents=True)
+    resize(1, "ro")
+    with pytest.raises(OSError, match=rf"cannot write {disk}/.*cursor/.* or .* RLIHF_CACHE"):
+        hri.recording("s02")
+    assert not server.requests
+    resize(10, "rw")
+    with pytest.raises(OSError, match=rf"cannot write {disk}/.*\.partial \(No space.* Make room"):
+        hri.recording("s02")
+    resize(1000)
+    assert hri.recording("s02").is_file()
+    assert [wanted for _, wanted in server.requests[1:]] == ["bytes=40960-", None]
+
+
+def test_a_part_that_cannot_be_opened_is_named(server, blobs, tmp_path):
+    (folder(tmp_path) / "cursor" / "s02_cursor.fdt.partial").mkdir(parents=True)
+    with pytest.raises(OSError, match=r"cannot write .*\.partial \(Is a directory"):
+        hri.recording("s02")
+    assert not server.requests
 
 
 def test_a_later_call_resumes_what_an_earlier_one_left(server, blobs, tmp_path):
@@ -154,7 +194,7 @@ def test_what_is_not_the_published_file_is_refused(server, blobs, tmp_path, arri
     with pytest.raises(ValueError, match=said) as refused:
         hri.recording("s02")
     assert "s02_cursor.fdt" in str(refused.value)
-    assert not list(folder(tmp_path).rglob("*.*"))
+    assert not list(folder(tmp_path).rglob("s02*"))
 
 
 def test_a_wrong_file_placed_by_hand_is_refused_and_kept(server, blobs, tmp_path):

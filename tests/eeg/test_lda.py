@@ -95,5 +95,14 @@ def test_a_window_before_the_response_is_chance_and_a_shorter_one_knows_no_more(
     np.testing.assert_allclose(auroc[0.4], alone["auroc"], atol=1e-12)
 
 
+def test_windows_end_when_they_say_even_of_epochs_that_begin_later():
+    data = {f"{seed}": epochs(seed, 0.7).crop(0.25) for seed in range(3)}
+    table = across(data, spatial=no_filter, ends=(0.2, 0.5))
+    assert set(table["window"]) == {0.5}, "there is nothing before 0.25 s"
+    alone = across(data, settings=replace(DEFAULTS, window=(0.0, 0.5)), spatial=no_filter)
+    np.testing.assert_allclose(table["auroc"], alone["auroc"], atol=1e-12)
+    np.testing.assert_allclose(across(data)["window"], 1.0)
+
+
 def no_filter(signals):
     return np.eye(signals.shape[1])

@@ -205,6 +205,12 @@ def test_a_fold_is_trained_anew_when_data_settings_or_weights_change(
     assert trained(dataset, DecoderSettings(max_epochs=1, ensemble=1, n_permutations=11)) == 4
 
 
+def test_all_folds_are_trained_anew_when_a_person_joins_or_leaves(dataset, trained):
+    settings = DecoderSettings(max_epochs=1, ensemble=1, n_permutations=10)
+    three = {subject: dataset[subject] for subject in SUBJECTS[:3]}
+    assert [trained(people, settings) for people in (three, dataset, three)] == [3, 4, 3]
+
+
 def test_folds_trained_on_another_processor_are_recognised(finished, dataset, tmp_path, trained):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     # Of simulated recordings, one sample in a thousand differs by the amplifier's resolution.
@@ -293,6 +299,28 @@ def test_results_that_were_edited_are_named_and_not_believed(finished, dataset, 
         loso.load_decoder(tmp_path / "decoder", "s03")
     with pytest.raises(ValueError, match=r"s02.safetensors is not what was .*delete .*folds/s02 "):
         loso.run_loso(dataset, tmp_path / "decoder", SETTINGS, workers=1)
+
+
+def test_interrupted_retraining_can_be_read_as_unfinished_and_goes_on(
+    finished, dataset, tmp_path, monkeypatch
+):
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    train, folds = loso.fit_fold, []
+
+    def interrupted(*args):
+        folds.append(args)
+        if len(folds) == 2:
+            raise KeyboardInterrupt
+        return train(*args)
+
+    monkeypatch.setattr(loso, "fit_fold", interrupted)
+    others = dataclasses.replace(SETTINGS, max_epochs=1)
+    with pytest.raises(KeyboardInterrupt):
+        loso.run_loso(dataset, tmp_path, others, workers=1)
+    with pytest.raises(FileNotFoundError, match="does not exist yet; run notebook 02"):
+        loso.load_decoder(tmp_path, "s02")
+    loso.run_loso(dataset, tmp_path, others, workers=1)
+    assert len(folds) == 5 and loso.load_decoder(tmp_path, "s02")
 
 
 def test_the_config_says_what_was_run(finished):

@@ -16,6 +16,8 @@ from rlihf_lib.__main__ import main
 from rlihf_lib.eeg.decoder import Decoder
 from rlihf_lib.eeg.eegnet import half_second_architecture
 from rlihf_lib.eeg.ensemble import EEGNetBatch
+from rlihf_lib.eeg.folders import find
+from rlihf_lib.eeg.formats import named_events, open_recording
 from rlihf_lib.eeg.signals import InputFormat
 from rlihf_lib.eeg.streaming import CausalFilter
 from tests.eeg.amplifier import CONFIG, Amplifier
@@ -44,7 +46,7 @@ def noise(n, seed=0):
 
 
 def offline(decoder, recording, onsets):
-    filtered = CausalFilter(decoder.band, RATE)(recording)
+    filtered = CausalFilter(decoder.band, RATE)(recording) if decoder.band else recording
     windows = (filtered[:, first : first + 256] for first in onsets)
     return [decoder.log_odds(window[None])[0] for window in windows]
 
@@ -105,6 +107,22 @@ def test_p_error_comes_soon_after_the_window(played):
         assert 0.95 < min(latencies) and np.median(latencies) < 1.1, latencies
 
 
+def test_a_trigger_that_holds_its_value_gives_the_events_of_the_recording(names, tmp_path):
+    codes = np.repeat([6, 4, 6, 0, 4, 9, 6], [100, 1, 99, 50, 50, 50, 350])
+    recording, types = np.vstack([noise(700), codes]), ["eeg"] * 3 + ["stim"]
+    info = mne.create_info([*CHANNELS, "TRIG"], RATE, types)
+    file = tmp_path / "sub-01_raw.fif"
+    mne.io.RawArray(recording, info, verbose="error").save(file, verbose="error")
+    (held,), _ = find(tmp_path)
+    told = named_events(open_recording(held), held).query("name in ['4', '6']")
+    amplifier = Amplifier(names[0], [*CHANNELS, "TRIG"], RATE)
+    live = lsl.LiveDecoder(make_decoder(), names[0], ["4", "6"], trigger="TRIG", out=names[2])
+    amplifier.send(recording)
+    stamps = [answer.stamp for answer in answers_of(live, 4)]
+    expected = [amplifier.stamp(RATE * onset) for onset in told["onset"]]
+    assert len(expected) == 4 and stamps == pytest.approx(expected, abs=1e-3)
+
+
 def test_markers_belong_to_the_nearest_sample_and_p_error_to_its_marker(names):
     decoder, (eeg, markers, out) = make_decoder(), names
     amplifier = Amplifier(eeg, ["EOG", *CHANNELS[::-1]], RATE)
@@ -129,8 +147,9 @@ def test_markers_belong_to_the_nearest_sample_and_p_error_to_its_marker(names):
         assert stamp == pytest.approx(answer.stamp, abs=1e-3)
 
 
-def test_lost_samples_are_noticed_said_and_not_decoded(names):
-    decoder, (eeg, _, out), said = make_decoder(), names, []
+@pytest.mark.parametrize("band", [None, (1.0, 20.0)])
+def test_lost_samples_are_noticed_said_and_not_decoded(names, band):
+    decoder, (eeg, _, out), said = make_decoder(band), names, []
     amplifier = Amplifier(eeg, [*CHANNELS, "TRIG"], RATE)
     live = lsl.LiveDecoder(decoder, eeg, ["7"], trigger="TRIG", out=out, say=said.append)
     recording = np.vstack([noise(2000), np.zeros(2000)])
@@ -145,7 +164,7 @@ def test_lost_samples_are_noticed_said_and_not_decoded(names):
     assert answers[1].p_error == pytest.approx(0.3) and np.isnan(answers[1].log_odds)
     assert said == ["20 samples lost (78 ms)"]
     before, after = offline(decoder, recording[:3], (100, 1500))
-    assert answers[0].log_odds == before
+    assert answers[0].log_odds == pytest.approx(before, rel=1e-9)
     assert answers[2].log_odds == pytest.approx(after, abs=1e-3)
 
 
@@ -187,10 +206,23 @@ def test_units_become_volts(names, unit, factor):
     assert said == ([] if unit else ["the stream doesn't tell its units; taken for microvolts"])
 
 
+def test_channels_that_are_not_decoded_may_be_named_alike(names):
+    decoder = make_decoder()
+    amplifier = Amplifier(names[0], ["AUX", *CHANNELS, "AUX", "TRIG"], RATE, "microvolts")
+    live = lsl.LiveDecoder(decoder, names[0], ["1"], trigger="TRIG", out=names[2])
+    recording, aux = noise(400), np.ones((1, 400))
+    amplifier.send(np.vstack([aux, 1e6 * recording, aux, np.arange(400) > 99]))
+    (answer,) = answers_of(live, 1)
+    assert answer.log_odds == pytest.approx(offline(decoder, recording, (100,))[0], abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("stream", "message"),
     [
         ({"channels": ("Fz", "Cz", "TRIG")}, r"lacks the channel\(s\) Pz .* it has Fz, Cz, TRIG"),
+        ({"channels": ("", "", "", "")}, r"lacks the channel\(s\) Fz, Cz, Pz .* it has no names"),
+        ({"channels": (*CHANNELS, "Cz")}, r"lacks the channel\(s\) Cz .* or has them twice"),
+        ({"channels": (*CHANNELS, "TRIG", "TRIG")}, "they are numbers, and .* Pz, TRIG, TRIG"),
         ({"sfreq": 512.0}, "has 512 Hz, the decoder 256 Hz; set the amplifier"),
         ({"unit": "kelvin"}, "channels are in kelvin; let the amplifier's software tell volts"),
         ({"channels": CHANNELS}, r"events 1 of the channel 'TRIG': .* the channels Fz, Cz, Pz"),

@@ -138,6 +138,9 @@ def test_bad_channels_are_interpolated_and_many_refused(tmp_path):
     epochs = load_epochs(tmp_path, "01", SETTINGS)
     assert epochs.info["bads"] == [] and epochs.get_data("Pz").std() < 2e-5
     assert overview.notes(tmp_path) == ["interpolated, marked bad in sub-01_epo.fif: Pz"]
+    write(tmp_path, "sub-01_epo.fif", change=lambda e: e.info["bads"].extend(NAMES))
+    with pytest.raises(ValueError, match=r"01_epo.fif: 5 of 5 EEG channels are .* leave the file"):
+        load_epochs(tmp_path, "01", SETTINGS)
     write(tmp_path, "sub-01_epo.fif", change=lambda e: e.info["bads"].extend(["Pz", "C3"]))
     with pytest.raises(
         ValueError, match=r"01_epo.fif: 2 of 5 EEG channels are marked bad \(Pz, C3"

@@ -90,6 +90,19 @@ def test_a_window_that_is_gone_or_never_was_is_refused():
         RingBuffer(1, 10, offset=-3).mark(0)
 
 
+@pytest.mark.parametrize("n_next", [0, 1, 5, 10, 40])
+def test_a_window_that_was_there_when_marked_is_given_whole(n_next):
+    stream = np.arange(75.0)[None]
+    buffer = RingBuffer(1, 10, n_windows=2)
+    list(buffer.push(stream[:, :35]))
+    buffer.mark(15)
+    buffer.mark(26)
+    windows = dict(buffer.push(stream[:, 35 : 35 + n_next]))
+    assert windows.keys() == ({15, 26} if n_next else {15})
+    for first, window in windows.items():
+        np.testing.assert_array_equal(window, stream[:, first : first + 10])
+
+
 def test_wrong_shape_and_nan_are_refused(decoder, stream):
     with pytest.raises(ValueError, match=r"expected \(2 channels"):
         list(RingBuffer(2, 10).push(np.zeros((3, 5))))
@@ -146,7 +159,7 @@ def test_a_causal_filter_knows_nothing_of_the_future_and_keeps_its_band(stream):
 def test_a_raw_stream_is_decoded_as_epochs_that_were_filtered_as_a_whole(decoder, stream):
     decoder.band = (1.0, 20.0)
     whole = CausalFilter(decoder.band, 128.0)(stream)
-    decoding = StreamDecoder(decoder, raw=True)
+    decoding = StreamDecoder(decoder, live=True)
     for event in EVENTS:
         decoding.mark(event)
     decoded = {}
@@ -159,6 +172,7 @@ def test_a_raw_stream_is_decoded_as_epochs_that_were_filtered_as_a_whole(decoder
     assert not np.allclose(list(decoded.values()), offline(decoder, stream))
 
 
+@pytest.mark.parametrize("band", [None, (1.0, 20.0)])
 @pytest.mark.parametrize(
     ("spoil", "flaw"),
     [
@@ -167,10 +181,10 @@ def test_a_raw_stream_is_decoded_as_epochs_that_were_filtered_as_a_whole(decoder
         (lambda x: x.__setitem__(2, 0.0), "0 µV peak to peak in Pz"),
     ],
 )
-def test_what_cannot_be_decoded_is_said_and_leaves_the_prior(decoder, stream, spoil, flaw):
-    decoder.band, decoder.prior = (1.0, 20.0), 0.3
+def test_what_cannot_be_decoded_is_said_and_leaves_the_prior(decoder, stream, spoil, flaw, band):
+    decoder.band, decoder.prior = band, 0.3
     spoil(stream)
-    decoding = StreamDecoder(decoder, raw=True)
+    decoding = StreamDecoder(decoder, live=True)
     decoding.mark(450)
     ((sample, log_odds),) = decoding.push(stream)
     assert sample == 450 and np.isnan(log_odds)
@@ -184,7 +198,7 @@ def test_lost_samples_spoil_nothing_later(decoder, stream):
     gap[:, 1000:1040] = np.nan
     decoded = []
     for recording in (stream, gap):
-        decoding = StreamDecoder(decoder, raw=True)
+        decoding = StreamDecoder(decoder, live=True)
         decoding.mark(2500)
         decoded += decoding.push(recording)
     assert decoded[1][1] == pytest.approx(decoded[0][1], abs=1e-6)
@@ -211,7 +225,7 @@ def test_an_amplifiers_samples_are_decoded_as_the_recordings_causal_epochs(tmp_p
     networks = EEGNetBatch(half_second_architecture(27, 32, layout.network_sfreq), [0])
     decoder = Decoder(layout, networks, band=(settings.l_freq, settings.h_freq))
     microvolts, _ = simulated.simulate("s03")
-    decoding = StreamDecoder(decoder, hri.CHANNELS, raw=True)
+    decoding = StreamDecoder(decoder, hri.CHANNELS, live=True)
     samples = recorded.metadata["sample"].to_numpy()[:20]
     for sample in samples:
         decoding.mark(sample)

@@ -94,14 +94,17 @@ def _save_set(path, names, n_times, trials, data, tmin, events):
     scipy.io.savemat(path, {"EEG": eeg}, format="5", oned_as="row")
 
 
-def edf(path, signal, events, names=NAMES, trigger="Status", unit="uV"):
-    """EDF, or BDF by its ending, with a trigger channel that holds each event's number."""
+def edf(path, signal, events, names=NAMES, trigger="Status", unit="uV", hold=False):
+    """EDF, or BDF by its ending, with a trigger channel of each event's number.
+
+    It is there for three samples, or is to `hold` until the next one.
+    """
     wide = path.suffix == ".bdf"
     top = 2**23 - 1 if wide else 2**15 - 1
     physical = np.ceil(np.abs(signal).max() + 1)
     pulses = np.zeros(signal.shape[1], int)
     for at, name in events:
-        pulses[at : at + 3] = int(name)
+        pulses[at : None if hold else at + 3] = int(name)
     samples = np.vstack([np.round(signal / physical * top).astype(int), pulses])
     labels = [*names, trigger]
     n, seconds = len(labels), signal.shape[1] // SFREQ
