@@ -41,6 +41,7 @@ STEPS = (
     Step("06_beyond_the_paper"),
 )
 FROM_EEG = ("01_dataset_preprocessing", "02_loso_decoder")
+COMPARES = ("05_whf_ablation",)  # weights
 #: Notebooks that read epochs: they need to know how events are named, and what to leave out.
 READ_EPOCHS = (*FROM_EEG, "03_policy_training")
 TRAIN = ("03_policy_training", "05_whf_ablation")
@@ -58,9 +59,11 @@ class NotebookError(RuntimeError):
 def select(only, study: Study) -> list[Step]:
     """Return the steps of notebooks, named like "04" or "02_loso_decoder", in order; of none: all.
 
-    All but `FROM_EEG` if the study is given p(error). A ValueError says if there is no such step.
+    All but `FROM_EEG` if the study is given p(error), and all but `COMPARES` if it has one weight
+    only. A ValueError says if there is no such step.
     """
-    steps = [step for step in STEPS if not (study.is_table and step.notebook in FROM_EEG)]
+    needless = [*FROM_EEG] * study.is_table + [*COMPARES] * (len(study.profile.weights) < 2)
+    steps = [step for step in STEPS if step.notebook not in needless]
     names = list(dict.fromkeys(step.notebook for step in steps))
     chosen = set()
     for wanted in only:

@@ -65,6 +65,8 @@ def vary(
     for name, value in [("w_hf", told.get("w_hf", 0)), *(("weights", w) for w in weights)]:
         if not (isinstance(value, int | float) and 0 <= value <= 10):
             raise ValueError(f"{name}: {value!r} is no weight; give a number from 0 to 10")
+    if len(weights) == 1:
+        raise ValueError(f"weights: {weights!r} is one; notebook 05 compares two or more")
     if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
         raise ValueError(f"seeds are {seeds!r}; give whole numbers, 0 or more")
     every = study.profile.eval_every

@@ -92,6 +92,8 @@ def test_only_accepts_numbers_and_names():
         "04_metrics_tables",
     ]
     assert len(select([], Study("smoke"))) == 8
+    titles = [step.title for step in select([], Study("pilots"))]
+    assert len(titles) == 7 and "05_whf_ablation" not in titles, "there is one weight"
 
 
 def test_of_a_table_of_p_error_what_reads_eeg_is_left_out(tmp_path):

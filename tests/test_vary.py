@@ -61,6 +61,7 @@ def test_other_values_have_other_folders_and_equal_ones_the_same():
         ({"w_hf": "much"}, "w_hf: 'much' is no weight; give a number from 0 to 10"),
         ({"w_hf": -1}, "w_hf: -1 is no weight"),
         ({"weights": [0.1, 11]}, "weights: 11 is no weight"),
+        ({"weights": [0.3]}, "is one; notebook 05 compares two or more"),
         ({"seeds": [0.5]}, "give whole numbers"),
         ({"total_steps": 1234}, "total_steps is 1234; give a multiple of 10000"),
         ({"observer": "boss"}, "observer is 'boss'; choose one of path, lay"),
