@@ -1,6 +1,7 @@
 """Tests run side by side (pytest-xdist), a file on one worker, those that take longest first."""
 
 import os
+import signal
 import subprocess
 
 import pytest
@@ -8,6 +9,9 @@ import pytest
 # Two threads in one process are slower than one; set before anything imports NumPy.
 for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+# Ignored behind a shell's background job, and then by what tests start, too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONGEST_FIRST = (
     "test_notebooks.py",
