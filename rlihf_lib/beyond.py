@@ -140,10 +140,10 @@ def _bias(beyond):
     calibrated = _synthetic_name(BIASED)
     cases = {"calibrated": {"subject": calibrated}}
     cases |= {name: {"subject": f"{calibrated}_{name}"} for name in BIASES}
-    tables = dict(list(beyond.p_error.groupby("subject")))
+    told = contrast(rows_of(beyond.p_error, calibrated))
     for name in MATCHED:
         spoilt = f"{calibrated}_{name}"
-        weight = Profile.w_hf * contrast(tables[calibrated]) / contrast(tables[spoilt])
+        weight = Profile.w_hf * told / contrast(rows_of(beyond.p_error, spoilt))
         cases[f"{name}, matched"] = {"subject": spoilt, "w_hf": float(f"{weight:.3g}")}
     return cases
 

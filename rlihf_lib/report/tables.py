@@ -185,7 +185,7 @@ def comparison_table(
     person = {other: "".join(set(late[other]["person"])) for other in others}  # of a control
     return family(
         {
-            "comparison": " ".join(["RLIHF", person[other]]).strip() + f" - {label(other)}",
+            "comparison": f"{label('rlihf')} {person[other]}".rstrip() + f" - {label(other)}",
             **compare(late["rlihf"], late[other], metric, (other, metric) == ("dense", "success")),
         }
         for metric in metrics
