@@ -16,7 +16,6 @@ from rlihf_lib.report import paper, style
 from rlihf_lib.report import statistics as st
 from rlihf_lib.report.evaluations import RANGES, phase_scores, size, unit_means
 from rlihf_lib.report.figures_policy import AXIS_LABELS, SHARE
-from rlihf_lib.report.people import threshold_table
 
 CONTROL_STEP = 0.1  # s
 RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
@@ -115,19 +114,19 @@ def equivalence_figure(people: pd.DataFrame, table: pd.DataFrame) -> Figure:
 
 
 def decoder_policy_figure(
-    runs: pd.DataFrame, people: pd.DataFrame, correlations: pd.DataFrame
+    runs: pd.DataFrame, people: pd.DataFrame, correlations: pd.DataFrame, threshold: pd.DataFrame
 ) -> Figure:
     """Does a better decoder make a better policy, late, or sooner? `DECIDED` against AUROC.
 
-    A point a person, and each control among `runs`; tables as `people.subject_table` and
-    `people.correlation_table` make them. People are named who teach less than half of what dense
-    reward does late. Grey is the interval of the AUROC at which this half is reached
-    (`people.threshold_table`).
+    A point a person, and each control among `runs`; tables as `people.subject_table`,
+    `people.correlation_table` and `people.threshold_table` make them. People are named who teach
+    less than half of what dense reward does late. Grey is the interval of the AUROC at which this
+    half is reached.
     """
     fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.8))
     shade, found = style.color("rlihf"), correlations.set_index("metric")
     aurocs = people.set_index("subject")["auroc"]
-    half = threshold_table(people).set_index("measure").loc["auroc"]
+    half = threshold.set_index("measure").loc["auroc"]
     named = people.loc[people["success"] < people["dense"] / 2, "subject"]
     for ax, (tested, (phase, metric)) in zip(axes, DECIDED.items(), strict=True):
         scores = phase_scores(runs, phase)

@@ -34,7 +34,8 @@ def decided(runs, scores):
     """Figure of what decides, and its correlations."""
     table = people.subject_table(runs, scores)
     correlations = people.correlation_table(table)
-    return figures_late.decoder_policy_figure(runs, table, correlations), correlations
+    told = table, correlations, people.threshold_table(table)
+    return figures_late.decoder_policy_figure(runs, *told), correlations
 
 
 def test_decoder_against_policy_says_how_far_they_go_together(runs, scores):

@@ -88,7 +88,9 @@ def test_a_single_run_each_can_be_drawn(study):
         figures_policy.success_figure(runs),
         figures_late.safety_figure(runs),
         figures_late.comparison_figure(runs, tables.comparison_table(runs)),
-        figures_late.decoder_policy_figure(runs, table, people.correlation_table(table)),
+        figures_late.decoder_policy_figure(
+            runs, table, people.correlation_table(table), people.threshold_table(table)
+        ),
         figures_weights.figure_6(load_runs(study, ("sparse", "dense", "ablation"))),
     ]
     assert "[" not in figures[-2].axes[0].get_title(), "no interval"
