@@ -88,7 +88,7 @@ PROFILES = {
             total_steps=3_000,
             eval_every=1_000,
             decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=2, n_permutations=100),
-            horizon=150,
+            horizon=60,
             eval_rollouts=2,
         ),
         # A lesson's: from nothing in ten minutes on two cores, and something is learnt. By the

@@ -46,6 +46,7 @@ COMPARES = ("05_whf_ablation",)  # weights
 READ_EPOCHS = (*FROM_EEG, "03_policy_training")
 TRAIN = ("03_policy_training", "05_whf_ablation")
 READ_RUNS = ("04_metrics_tables", "06_beyond_the_paper")  # that 03 has trained
+READ_01 = ("02_loso_decoder", "04_metrics_tables")  # recordings it caches, waves it draws
 #: Variable and folder of what libraries would else keep at home or beside their code.
 CACHES = {
     "MPLCONFIGDIR": "matplotlib", "NUMBA_CACHE_DIR": "numba", "MESA_SHADER_CACHE_DIR": "mesa",
@@ -113,19 +114,22 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
         check_parameters(notebook, parameters)
         jobs.append((notebook, study.notebooks / f"{step.title}.ipynb", parameters))
     with one_at_a_time(study.results, study.notebooks, study.tables, study.figures):
-        for together in _groups(study, jobs, recompute):
+        while jobs:
+            together = _together(study, jobs, recompute)
+            jobs = [job for job in jobs if job not in together]
             n_processes = min(len(together), workers or os.cpu_count() or 1)
             bars = n_processes == 1
             for _ in in_processes(execute, [(*job, bars) for job in together], n_processes):
                 pass
 
 
-def _groups(study, jobs, recompute):
-    """Which notebooks can be executed at once: those that train nothing and read no EEG."""
+def _together(study, jobs, recompute):
+    """Which of the notebooks left can be executed at once: those that train nothing."""
     if recompute or study.status()["missing"].any():
-        return [[job] for job in jobs]
-    first = [job for job in jobs if job[0].stem in FROM_EEG]
-    return [*([job] for job in first), [job for job in jobs if job not in first]]
+        return jobs[:1]
+    if jobs[0][0].stem != FROM_EEG[0]:
+        return jobs
+    return [job for job in jobs if job[0].stem not in READ_01]
 
 
 def _parameters(study, step, workers, recompute):

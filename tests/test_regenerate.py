@@ -104,6 +104,26 @@ def test_of_a_table_of_p_error_what_reads_eeg_is_left_out(tmp_path):
         select(["2"], study)
 
 
+def test_notebooks_are_executed_at_once_where_none_trains_or_reads_what_another_writes(
+    tmp_path, monkeypatch
+):
+    study, batches, missing = Study("smoke", out=tmp_path), [], iter([True, True, False, False])
+
+    def executed(_, jobs, workers):
+        batches.append([output.stem[:2] for _, output, *_ in jobs])
+        return []
+
+    monkeypatch.setattr(regenerate, "in_processes", executed)
+    monkeypatch.setattr(Study, "p_error", lambda self: None)
+    monkeypatch.setattr(Study, "status", lambda self: pd.DataFrame({"missing": [next(missing)]}))
+    steps = [step for step in regenerate.STEPS if step.title != "03_policy_training-rlihf"]
+    regenerate.regenerate(study, [steps[0], *steps[2:]])
+    assert batches == [["01"], ["03"], ["03", "04", "05", "06"]]
+    missing, batches[:] = iter([False] * 9), []
+    regenerate.regenerate(study, select([], study), workers=8)
+    assert batches == [["01", "03", "03", "03", "05", "06"], ["02", "04"]]
+
+
 def test_events_and_dropped_channels_reach_the_notebooks_that_read_epochs(
     tmp_path, monkeypatch, capsys
 ):
