@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlihf_lib.eeg.scores import N_BINS, reliability
+from rlihf_lib.report import paper
 from rlihf_lib.report.statistics import PROBABILITY, mean_interval
 from rlihf_lib.report.style import BEHIND, COLORS, COLUMN_WIDTH, PAGE_WIDTH, REFERENCE
 
@@ -19,7 +20,7 @@ N_FFT = 256
 def figure_5(scores: pd.DataFrame) -> Figure:
     """Fig. 5: accuracy at pretraining (yellow) and online (orange), a pair of bars per subject.
 
-    `scores` is as `loso.run_loso` returns it.
+    Behind them the range that the paper calls typical. `scores` is as `loso.run_loso` returns it.
     """
     table = scores.set_index("subject")
     table.loc["mean"] = table.mean(numeric_only=True)
@@ -30,14 +31,17 @@ def figure_5(scores: pd.DataFrame) -> Figure:
         ax=ax, color=[COLORS["pretrain"], COLORS["online"]], width=0.78, ec="#555555", lw=0.4,
         rot=0, legend=False,
     )  # fmt: skip
-    x = np.arange(len(table))
+    x, online = np.arange(len(table)), table["accuracy_online"].to_numpy()
+    over_people = mean_interval(scores["accuracy_online"].to_numpy(), PROBABILITY)
+    arms = np.c_[_arms(scores, "accuracy_online"), abs(over_people - online[-1])]
     ax.errorbar(
-        x[:-1] + 0.2, scores["accuracy_online"], _arms(scores, "accuracy_online"), fmt="none",
-        ecolor="#333333", elinewidth=0.8, capsize=1.5, label="95 % interval over trials",
+        x + 0.2, online, arms, fmt="none", ecolor="#333333", elinewidth=0.8, capsize=1.5,
+        label="95 % interval over trials (mean: over subjects)",
     )  # fmt: skip
     majority = table["majority"]
     ax.hlines(majority, x - 0.42, x + 0.42, color="black", lw=1, label="Always the majority class")
     ax.axhline(0.5, label="Coin", **REFERENCE)
+    ax.axhspan(*paper.ACCURACY, color="#E3EDF5", zorder=0, label="Paper: typically 70 to 90 %")
     ax.axvline(len(scores) - 0.5, color="#BBBBBB", lw=0.6)
     ax.set(ylim=(0, 1.0), xlim=(-0.6, len(x) - 0.4), ylabel="Accuracy", xlabel="Held-out subject")
     ax.grid(axis="x", visible=False)

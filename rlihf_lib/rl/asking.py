@@ -56,12 +56,13 @@ class AskingReward(TrainingReward):
     """
 
     def __init__(self, env, *arguments, asking: Asking, rng):
-        from rlihf_lib.rl.reward_model import RewardModel  # only runs need PyTorch
-
         super().__init__(env, *arguments)
         self.asking, self._rng = asking, rng
         n, n_inputs = self._total_steps, env.observation_space.shape[0] + env.action_space.shape[0]
-        self._model = RewardModel(n_inputs, int(rng.integers(2**31)))
+        if asking.model:
+            from rlihf_lib.rl.reward_model import RewardModel  # only runs need PyTorch
+
+            self._model = RewardModel(n_inputs, int(rng.integers(2**31)))
         self._inputs = np.zeros((n, n_inputs), np.float32)
         self._paid, self._scales = np.zeros((2, n))
         self._asked: list[int] = []  # steps with an answer

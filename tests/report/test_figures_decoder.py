@@ -23,7 +23,11 @@ def test_figure_5_is_a_pair_of_bars_a_subject_and_their_mean(scores):
     assert pretrain[0].get_x() < online[0].get_x() < pretrain[1].get_x()
     (arms,) = ax.containers[2][2]
     ends = np.array([segment[:, 1] for segment in arms.get_segments()])
-    np.testing.assert_allclose(ends, scores[["accuracy_online_low", "accuracy_online_high"]])
+    of_people = scores[["accuracy_online_low", "accuracy_online_high"]]
+    np.testing.assert_allclose(ends[:-1], of_people)
+    assert ends[-1, 0] < scores["accuracy_online"].mean() < ends[-1, 1], "over people"
+    two = figures_decoder.figure_5(scores.iloc[:2]).axes[0].containers[2][2][0].get_segments()
+    assert len([ends for ends in two if ends.size]) == 2, "two people's mean has none"
 
 
 def test_subjects_are_ranked_by_how_well_they_are_decoded(scores):
