@@ -6,6 +6,7 @@ something else is varied. They lie in the folder `beyond` of the study.
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import pandas as pd
@@ -27,10 +28,11 @@ from rlihf_lib.rl.feedback import (
     synthetic_table,
 )
 from rlihf_lib.rl.rewards import errp_reward
-from rlihf_lib.rl.runs import RunConfig
+from rlihf_lib.rl.runs import RunConfig, is_done
 from rlihf_lib.rl.timing import Timing
 
 STEPS, EVERY, SEEDS = 60_000, 5_000, (0, 1, 2)  # of studies at least as long
+FEW = 10  # of shorter ones, which part of their steps, and of one seed
 D_PRIMES = (0.5, 1.0, 1.5, 2.0, 3.0)  # distances of the classes, in standard deviations
 PRIOR = 0.35  # share of errors that synthetic decoders expect
 BIASED = 1.5  # d' of the decoders whose calibration is spoilt
@@ -45,28 +47,18 @@ BUDGETS = (2_000, 10_000)  # answers in a run, of 60,000 steps
 class Beyond:
     """Runs and p(error) of the experiments of a study, which has the decoders; see `EXPERIMENTS`.
 
-    As long as the study's, or 60,000 steps, and with three seeds then.
+    Those of long studies are of 60,000 steps and three seeds, those of small ones are tiny.
     """
 
     def __init__(self, study):
-        profile = study.profile
-        is_long = profile.total_steps >= STEPS
         self.study, self.runs = study, study.results / "beyond" / "runs"
         self.person = study.median_subject()
-        self.seeds = SEEDS if is_long else profile.seeds[:1]
-        self._sizes = {
-            "total_steps": STEPS if is_long else profile.total_steps,
-            "eval_every": EVERY if is_long else profile.eval_every,
-            "horizon": profile.horizon, "eval_rollouts": profile.eval_rollouts,
-        }  # fmt: skip
-        self.p_error = pd.concat(
-            [study.feedback(), *_synthetic(), self._session()], ignore_index=True
-        )
+        self.seeds, self.sizes = seeds_and_sizes(study.profile)
+        self.p_error = pd.concat([study.feedback(), *_synthetic()], ignore_index=True)
 
-    def _session(self):
+    @cached_property
+    def session(self) -> pd.DataFrame:
         """p(error) over a session in which the person tires; only simulated people can."""
-        if self.study.eeg != "simulated":
-            return None
         # A decoder trained anew decodes anew.
         decoder = sha256((self.study.decoder / SUMS).read_bytes())[:8]
         folder = self.runs.parent / f"session-{self.person}-{decoder}"
@@ -78,13 +70,24 @@ class Beyond:
 
     def cases(self, experiment: str) -> dict[str, list[RunConfig]]:
         """Runs of one of `EXPERIMENTS` by case, the case that others are compared with first."""
-        return {
-            name: self._runs(**varied) for name, varied in EXPERIMENTS[experiment](self).items()
-        }
+        table = self._table(experiment)
+        varied = EXPERIMENTS[experiment](self)
+        return {name: self._runs(table, **changes) for name, changes in varied.items()}
+
+    def _table(self, experiment):
+        return self.session if experiment == "tiring" else self.p_error
 
     def run_configs(self, experiment: str) -> list[RunConfig]:
         """All runs of an experiment, as `Study.run_configs`."""
         return [config for runs in self.cases(experiment).values() for config in runs]
+
+    def learn(self, experiment: str, workers: int = 0, recompute: bool = False) -> pd.DataFrame:
+        """Train the runs of an experiment that are missing, as `rl.sweep.run_sweep`; see `late`."""
+        from rlihf_lib.rl.sweep import run_sweep  # imports Dask, so only when asked
+
+        table = self._table(experiment)
+        run_sweep(self.run_configs(experiment), self.runs, table, workers, recompute)
+        return self.late(experiment)
 
     def late(self, experiment: str) -> pd.DataFrame:
         """Average each finished run over the last third of its training, with its case."""
@@ -93,14 +96,43 @@ class Beyond:
         case = pd.Categorical(means["run"].map(named), list(dict.fromkeys(named.values())))
         return means.assign(case=case).sort_values(["case", "seed"], ignore_index=True)
 
-    def _runs(self, subject="", w_hf=Profile.w_hf, **changes):
+    def _runs(self, table, subject="", w_hf=Profile.w_hf, **changes):
         subject = subject or self.person
-        digest = p_error_sha256(self.p_error, subject)
+        digest = p_error_sha256(table, subject)
         named = {"eeg": self.study.eeg_name, "subject": subject, "p_error_sha256": digest}
         return [
-            RunConfig("rlihf", seed, w_hf=w_hf, **named, **self._sizes, **changes)
+            RunConfig("rlihf", seed, w_hf=w_hf, **named, **self.sizes, **changes)
             for seed in self.seeds
         ]
+
+
+def seeds_and_sizes(profile: Profile) -> tuple[tuple[int, ...], dict[str, Any]]:
+    """Seeds of each case in a profile, and the sizes of its runs, as fields of `RunConfig`."""
+    sizes = {name: getattr(profile, name) for name in ("horizon", "eval_rollouts")}
+    if profile.total_steps >= STEPS:
+        return SEEDS, {"total_steps": STEPS, "eval_every": EVERY, **sizes}
+    few = {name: getattr(profile, name) // FEW for name in ("total_steps", "eval_every")}
+    return profile.seeds[:1], few | sizes
+
+
+def experiments(study) -> tuple[str, ...]:
+    """Name the experiments of a study: those of its profile; nobody tires who isn't simulated."""
+    return tuple(n for n in study.profile.experiments if n != "tiring" or study.eeg == "simulated")
+
+
+def count(study) -> tuple[int, int]:
+    """Count the runs of a study's experiments that are done, and those that are missing.
+
+    Before there are decoders, runs that cases share are counted for each.
+    """
+    try:
+        beyond = Beyond(study)
+    except FileNotFoundError:
+        seeds, _ = seeds_and_sizes(study.profile)
+        return 0, len(seeds) * sum(N_CASES[name] for name in experiments(study))
+    configs = {config for name in experiments(study) for config in beyond.run_configs(name)}
+    done = sum(is_done(config, beyond.runs) for config in configs)
+    return done, len(configs) - done
 
 
 def _synthetic():
@@ -242,4 +274,9 @@ EXPERIMENTS: dict[str, Callable[[Beyond], dict[str, dict]]] = {
     "ladder": _ladder, "bias": _bias, "lateness": _lateness, "remedies": _remedies,
     "labels": _labels, "forms": _forms, "weights": _weights, "observers": _observers,
     "tiring": _tiring,
+}  # fmt: skip
+#: Cases of each.
+N_CASES = {
+    "ladder": 8, "bias": 7, "lateness": 9, "remedies": 8, "labels": 10, "forms": 12, "weights": 11,
+    "observers": 5, "tiring": 3,
 }  # fmt: skip

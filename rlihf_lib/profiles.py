@@ -58,6 +58,8 @@ class Profile:
     """Weights of human feedback compared in Fig. 6 (paper: these three)."""
     w_hf: float = 0.7
     """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
+    experiments: tuple[str, ...] = ()
+    """Of `beyond.EXPERIMENTS` (notebook 06), those that are made."""
 
     def seeds_of(self, condition) -> tuple[int, ...]:
         """Return the seeds of a condition of the main comparison."""
@@ -90,6 +92,7 @@ PROFILES = {
             decoder=DecoderSizes(max_epochs=15, patience=5, ensemble=2, n_permutations=100),
             horizon=60,
             eval_rollouts=2,
+            experiments=("observers",),
         ),
         # A lesson's: from nothing in ten minutes on two cores, and something is learnt. By the
         # strongest decoder's feedback, for others need more steps.

@@ -44,7 +44,7 @@ FROM_EEG = ("01_dataset_preprocessing", "02_loso_decoder")
 COMPARES = ("05_whf_ablation",)  # weights
 #: Notebooks that read epochs: they need to know how events are named, and what to leave out.
 READ_EPOCHS = (*FROM_EEG, "03_policy_training")
-TRAIN = ("03_policy_training", "05_whf_ablation")
+TRAIN = ("03_policy_training", "05_whf_ablation", "06_beyond_the_paper")
 READ_RUNS = ("04_metrics_tables", "06_beyond_the_paper")  # that 03 has trained
 READ_01 = ("02_loso_decoder", "04_metrics_tables")  # recordings it caches, waves it draws
 #: Variable and folder of what libraries would else keep at home or beside their code.

@@ -217,7 +217,13 @@ class Study:
 
         On `workers` processes, 0 = one per core. Folds are counted of notebook 02, else runs.
         """
+        from rlihf_lib import beyond  # read studies
         from rlihf_lib.rl.sweep import CPU_COUNT  # imports Dask, so only when asked
+
+        per_step, workers = self._seconds_per_step(), workers or CPU_COUNT
+
+        def seconds(n_runs, sizes):
+            return n_runs * sizes["total_steps"] * per_step / max(1, min(workers, n_runs))
 
         folds = len(list((self.decoder / "folds").glob("*/")))
         n_people = N_PEOPLE
@@ -227,7 +233,6 @@ class Study:
             n_people = len(self.subjects()) if self.is_folder else N_PEOPLE
             missing = max(min(self.profile.n_subjects or n_people, n_people) - folds, 1)
         rows = [("02_loso_decoder", folds, missing, missing * SECONDS_PER_FOLD)]
-        per_run = self._seconds_per_step() * self.profile.total_steps
         counted: set[RunConfig] = set()
         for stage in STAGES:
             title = "05_whf_ablation" if stage == "ablation" else f"03_policy_training {stage}"
@@ -242,8 +247,11 @@ class Study:
                 left = [config for config in configs if not is_done(config, self.runs)]
                 done, missing, new = len(configs) - len(left), len(left), len({*left} - counted)
                 counted.update(left)
-            seconds = new * per_run / max(1, min(workers or CPU_COUNT, new))
-            rows.append((title, done, missing, seconds))
+            rows.append((title, done, missing, seconds(new, vars(self.profile))))
+        if self.profile.experiments:
+            done, missing = beyond.count(self)
+            _, sizes = beyond.seeds_and_sizes(self.profile)
+            rows.append(("06_beyond_the_paper", done, missing, seconds(missing, sizes)))
         return pd.DataFrame(rows, columns=["stage", "done", "missing", "seconds"])
 
     def _seconds_per_step(self):

@@ -2,14 +2,25 @@
 
 import dataclasses
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.beyond import EXPERIMENTS, MATCHED, PRIOR, Beyond, contrast
+from rlihf_lib.beyond import (
+    EXPERIMENTS,
+    MATCHED,
+    N_CASES,
+    PRIOR,
+    Beyond,
+    contrast,
+    count,
+    experiments,
+)
 from rlihf_lib.eeg.scores import auroc, calibration_error
 from rlihf_lib.eeg.tiring import PARTS
+from rlihf_lib.profiles import PROFILES
 from rlihf_lib.rl.asking import Asking
 from rlihf_lib.rl.timing import Timing
 from rlihf_lib.study import Study
@@ -25,11 +36,11 @@ def test_a_session_that_was_edited_is_not_believed(beyond, tmp_path):
     study = Study(out=tmp_path)
     shutil.copytree(beyond.study.decoder, study.decoder)
     shutil.copytree(beyond.runs.parent, study.results / "beyond", ignore=lambda *_: ["runs"])
-    pd.testing.assert_frame_equal(Beyond(study).p_error, beyond.p_error)
+    pd.testing.assert_frame_equal(Beyond(study).session, beyond.session)
     (path,) = (study.results / "beyond").glob("session-*/p_error.csv")
     path.write_text(path.read_text().replace("0.", "0.1", 1))
     with pytest.raises(ValueError, match=r"p_error.csv is not what was written"):
-        Beyond(study)
+        _ = Beyond(study).session
 
 
 def test_experiments_are_of_sixty_thousand_steps_and_three_seeds(beyond):
@@ -38,6 +49,20 @@ def test_experiments_are_of_sixty_thousand_steps_and_three_seeds(beyond):
             assert [config.seed for config in runs] == [0, 1, 2], case
             assert {config.total_steps for config in runs} == {60_000}
     assert beyond.runs == beyond.study.results / "beyond" / "runs"
+
+
+def test_cases_are_as_many_as_are_counted_before_there_are_decoders(beyond, tmp_path):
+    assert {name: len(beyond.cases(name)) for name in EXPERIMENTS} == N_CASES
+    smoke = Study("smoke", out=tmp_path)
+    assert count(smoke) == (0, N_CASES["observers"])
+    assert smoke.status().iloc[-1].tolist()[:3] == ["06_beyond_the_paper", 0, 5]
+
+
+def test_nobody_tires_who_is_not_simulated(tmp_path, monkeypatch):
+    monkeypatch.setitem(PROFILES, "smoke", replace(PROFILES["smoke"], experiments=("tiring",)))
+    assert experiments(Study("smoke")) == ("tiring",)
+    (tmp_path / "lab.csv").touch()
+    assert experiments(Study("smoke", tmp_path / "lab.csv", tmp_path)) == ()
 
 
 def test_runs_of_an_experiment_differ_in_what_it_varies(beyond):
@@ -105,7 +130,7 @@ def test_a_weight_by_spread_listens_less_to_a_decoder_that_knows_less(beyond):
 
 def test_who_tires_is_decoded_ever_worse_and_an_update_helps(beyond):
     def aurocs(state):
-        rows = beyond.p_error[beyond.p_error["subject"] == f"{beyond.person}_{state}"]
+        rows = beyond.session[beyond.session["subject"] == f"{beyond.person}_{state}"]
         parts = np.array_split(np.arange(len(rows)), PARTS)
         return [auroc(rows["p_error"].iloc[part], rows["label"].iloc[part]) for part in parts]
 

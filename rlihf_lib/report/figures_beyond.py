@@ -39,7 +39,7 @@ def people_figure(people: Mapping[str, pd.DataFrame], references: pd.DataFrame) 
 def cases_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
     """What runs of each case of an experiment reach late: dots are runs, diamonds their means.
 
-    Of `beyond.Beyond.late`, a panel for each metric.
+    Of `beyond.Beyond.late`, a panel for each metric; dotted: the mean of the first case.
     """
     cases = late["case"].cat.categories[::-1]
     size = style.PAGE_WIDTH, 0.8 + 0.22 * len(cases)
@@ -48,6 +48,8 @@ def cases_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
         scale = 100 if metric == "clearance" else 1
         for place, case in enumerate(cases):
             scores = scale * late.loc[late["case"] == case, metric].dropna()
+            if place == len(cases) - 1:
+                ax.axvline(scores.mean(), **style.REFERENCE)
             ax.plot(scores, np.full(len(scores), place), color=style.color("rlihf"), **RUNS)
             ax.plot(scores.mean(), place, "D", color=style.color("rlihf"), ms=4)
         ax.set(xlabel=AXIS_LABELS[metric], yticks=range(len(cases)), yticklabels=cases)
@@ -77,4 +79,24 @@ def grid_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
         ax.set(xlabel="Delay of the answer (s)", title=AXIS_LABELS[metric])
         ax.grid(visible=False)
     axes[0, 0].set_ylabel("One answer every ... s")
+    return fig
+
+
+def labels_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
+    """What is reached late against how many steps people were asked about, by who fills in.
+
+    Of `beyond.Beyond.late` with the columns answers and told (how steps without an answer are
+    judged); dots are runs, lines join their means.
+    """
+    size = style.PAGE_WIDTH, 2.6
+    fig, axes = plt.subplots(1, len(metrics), figsize=size, squeeze=False)
+    palette = style.shades(range(late["told"].nunique()))
+    for ax, metric in zip(axes[0], metrics, strict=True):
+        for number, (told, runs) in enumerate(late.groupby("told", sort=False)):
+            look = {"color": palette[number], "marker": MARKERS[number]}
+            ax.plot(runs["answers"], runs[metric], ls="", ms=3, alpha=0.5, **look)
+            means = runs.groupby("case", observed=True)[["answers", metric]].mean()
+            ax.plot(*means.sort_values("answers").to_numpy().T, ms=5, label=told, **look)
+        ax.set(xlabel="Answers in a run", ylabel=AXIS_LABELS[metric], xscale="log", ylim=SHARE)
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig

@@ -165,7 +165,7 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
 def paths_by_weight(env: PickPlaceEnv, recordings: dict, zones: tuple[float, ...]) -> Figure:
     """Draw the hand's paths from above and from the side, a column a reward (cf. Fig. 1).
 
-    `recordings` holds, by condition ("sparse", "dense") and by weight of human feedback,
+    `recordings` holds, by condition ("sparse", "dense"), weight of human feedback, or observer,
     `evaluation.Recording`s of the placement to which `env` is reset; `zones` are distances from
     obstacles, metres. A path that crosses a zone from above may pass over it: look at both rows.
     """
@@ -173,12 +173,12 @@ def paths_by_weight(env: PickPlaceEnv, recordings: dict, zones: tuple[float, ...
         2, len(recordings), figsize=(PAGE_WIDTH, 3.1), sharex=True, sharey="row", squeeze=False,
         height_ratios=[0.56, 0.43],
     )  # fmt: skip
-    tones = shades(key for key in recordings if key not in LABELS)
+    tones = shades(key for key in recordings if not isinstance(key, str))
     for top, side, (key, runs) in zip(tops, sides, recordings.items(), strict=True):
         _draw_scene(env, top, FROM_ABOVE, alpha=0.8)
         _draw_zones(env.workspace, top, sorted(zones, reverse=True))
         _draw_scene(env, side, FROM_FRONT, alpha=0.5)
-        look = {"color": tones[key] if key in tones else color(key)}
+        look = {"color": tones.get(key, color(key if key in LABELS else "rlihf"))}
         for run in runs:
             _draw_path(run, top, FROM_ABOVE, lw=0.7, **look)
             _draw_path(run, side, FROM_FRONT, lw=0.7, **look)

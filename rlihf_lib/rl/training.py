@@ -185,6 +185,7 @@ def train_run(
         "wall_seconds": round(time.perf_counter() - started, 1),
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
         "errors_seen": env.observer.errors_seen if env.observer else 0,
+        "watched": env.observer.watched if env.observer else 0,
     }
     texts = {
         "config.json": canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",

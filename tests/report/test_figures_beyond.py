@@ -46,3 +46,13 @@ def test_a_grid_shows_the_mean_of_each_interval_and_delay(late):
     assert [text.get_text() for text in ax.texts if text.get_text() != "nan"] == ["0.80", "0.20"]
     assert [label.get_text() for label in ax.get_xticklabels()] == ["0", "0.8"]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["0.1", "1"]
+
+
+def test_labels_are_drawn_by_who_fills_in_at_how_many_were_asked():
+    late = pd.DataFrame({"case": pd.Categorical(["few", "few", "all"], ["few", "all"])})
+    late = late.assign(told="no model", answers=[400, 500, 60_000], success=[0.1, 0.3, 0.9])
+    (ax,) = figures_beyond.labels_figure(late, ("success",)).axes
+    runs, means = ax.lines
+    assert runs.get_xdata().tolist() == [400, 500, 60_000]
+    assert means.get_xydata().tolist() == [[450, pytest.approx(0.2)], [60_000, 0.9]]
+    assert ax.get_xscale() == "log" and means.get_label() == "no model"

@@ -1,0 +1,84 @@
+"""What the cases of an experiment have reached, in numbers (notebook 06).
+
+Three runs against three can't get a permutation test below p = .1, so none is made. Beforehand it
+was settled what counts as seen: that cases are *apart*, no run of one reaching any of the other,
+as one pair of equal cases in ten will be by luck.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pandas as pd
+
+from rlihf_lib.report.figures_late import CONTROL_STEP
+from rlihf_lib.report.tables import DIGITS
+from rlihf_lib.rl.evaluation import Recording
+
+UNITS = {"clearance": " (m)", "speed": " (m/s)"}
+CASES = (
+    "late phase; mean over runs [lowest, highest run]; arrows: above or below all runs of the "
+    "first case"
+)
+
+
+def case_table(late: pd.DataFrame, metrics: Iterable[str]) -> pd.DataFrame:
+    """Summarise `beyond.Beyond.late`, a row per case and metric.
+
+    Columns case, metric, n (runs that have a value), mean, low and high (of the runs), apart: "up"
+    or "down" if all runs are above or below all of the first case's, else empty.
+    """
+    rows = []
+    for metric in metrics:
+        first = None
+        for case, scores in late.groupby("case", observed=True)[metric]:
+            low, high = scores.min(), scores.max()
+            first = first or (low, high)
+            apart = "up" if low > first[1] else "down" if high < first[0] else ""
+            row = {"case": case, "metric": metric, "n": scores.count(), "mean": scores.mean()}
+            rows.append(row | {"low": low, "high": high, "apart": apart})
+    return pd.DataFrame(rows)
+
+
+def show_cases(table: pd.DataFrame) -> pd.DataFrame:
+    """Lay `case_table` out as strings, a row per case."""
+    arrows = {"up": " ↑", "down": " ↓", "": ""}
+
+    def words(row):
+        if not row.n:
+            return "–"
+        d = DIGITS.get(row.metric, 2)
+        return f"{row.mean:.{d}f} [{row.low:.{d}f}, {row.high:.{d}f}]{arrows[row.apart]}"
+
+    shown = table.assign(words=[words(row) for row in table.itertuples()])
+    shown = shown.pivot(index="case", columns="metric", values="words")
+    shown = shown.loc[table["case"].unique(), table["metric"].unique()]
+    shown.columns = [f"{name}{UNITS.get(name, '')}" for name in shown]
+    return shown.rename_axis(columns=None).reset_index()
+
+
+def count_answers(late: pd.DataFrame, runs_dir) -> pd.Series:
+    """How many steps of each run people were asked about, from its `provenance.json`."""
+    paths = (runs_dir / run / "provenance.json" for run in late["run"])
+    told = [json.loads(path.read_text(encoding="utf-8"))["watched"] for path in paths]
+    return pd.Series(told, late.index, name="answers")
+
+
+def motion(recordings: Sequence[Recording]) -> dict[str, float]:
+    """How the hand moves in rollouts that place the can: means of speed, m/s, and smoothness.
+
+    Smoothness is the negative logarithm of dimensionless jerk (Hogan & Sternad 2009, J. Motor
+    Behavior 41:529): higher is smoother. NaN if no rollout places the can.
+    """
+    speeds, smooth = [], []
+    for rollout in recordings:
+        if not rollout.success:
+            continue
+        velocity = np.diff(rollout.hand, axis=0) / CONTROL_STEP
+        speed, time = np.linalg.norm(velocity, axis=1), CONTROL_STEP * len(velocity)
+        jerk = np.diff(velocity, n=2, axis=0) / CONTROL_STEP**2
+        cost = (jerk**2).sum() * CONTROL_STEP * time**3 / speed.max() ** 2
+        speeds.append(speed.mean())
+        smooth.append(-np.log(cost))
+    return {name: float(np.mean(v)) if v else np.nan for name, v in
+            (("speed", speeds), ("smoothness", smooth))}  # fmt: skip
