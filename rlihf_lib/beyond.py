@@ -36,9 +36,9 @@ FEW = 10  # of shorter ones, which part of their steps, and of one seed
 D_PRIMES = (0.5, 1.0, 1.5, 2.0, 3.0)  # distances of the classes, in standard deviations
 PRIOR = 0.35  # share of errors that synthetic decoders expect
 BIASED = 1.5  # d' of the decoders whose calibration is spoilt
-MATCHED = ("timid", "praising")  # also at a weight at which right and wrong steps differ as much
+WEAK = 1.0  # d' of one also heard at a weight at which right and wrong steps differ as at BIASED
 #: How: evidence, log-odds less those of the prior, is multiplied, and something is added to it.
-BIASES = {"blaming": (1, 2), "praising": (1, -2), "timid": (0.3, 0), "bold": (3, 0)}
+BIASES = {"blaming": (1, 2), "timid": (0.3, 0)}
 INTERVALS, DELAYS = (1, 3, 10), (0, 3, 8)  # steps of 0.1 s
 SLOWEST = {"interval": 10, "delay": 8}  # an answer a second, 0.8 s late
 BUDGETS = (2_000, 10_000)  # answers in a run, of 60,000 steps
@@ -164,19 +164,26 @@ def _ladder(beyond):
     return {
         "ideal": {"subject": IDEAL}, "constant": {"subject": constant},
         "shuffled": {"subject": shuffled}, **synthetic,
+        f"d' = {WEAK:g}, matched": _matched(beyond, _synthetic_name(WEAK)),
     }  # fmt: skip
 
 
+def _matched(beyond, subject):
+    """Of p(error) that differs little between right and wrong: the weight that makes up for it."""
+    told, spoilt = (
+        contrast(rows_of(beyond.p_error, one)) for one in (_synthetic_name(BIASED), subject)
+    )
+    return {"subject": subject, "w_hf": float(f"{Profile.w_hf * told / spoilt:.3g}")}
+
+
 def _bias(beyond):
-    """The same evidence, told otherwise; a weight alone would make up for some of it."""
+    """The same evidence told otherwise, and errors of the decoder that depend on what is done."""
     calibrated = _synthetic_name(BIASED)
-    cases = {"calibrated": {"subject": calibrated}}
+    cases: dict[str, dict] = {"calibrated": {"subject": calibrated}}
     cases |= {name: {"subject": f"{calibrated}_{name}"} for name in BIASES}
-    told = contrast(rows_of(beyond.p_error, calibrated))
-    for name in MATCHED:
-        spoilt = f"{calibrated}_{name}"
-        weight = Profile.w_hf * told / contrast(rows_of(beyond.p_error, spoilt))
-        cases[f"{name}, matched"] = {"subject": spoilt, "w_hf": float(f"{weight:.3g}")}
+    cases["timid, matched"] = _matched(beyond, f"{calibrated}_timid")
+    for watcher in (forms.blind, forms.jumpy):
+        cases[watcher.__name__] = {"subject": calibrated, "observer": watcher}
     return cases
 
 
@@ -196,16 +203,23 @@ def _remedies(beyond):
         credit: {"subject": IDEAL, "timing": Timing(**SLOWEST, credit=credit)}
         for credit in ("arrival", "held", "event", "window", "kernel")
     }
-    jitter = Timing(**SLOWEST, jitter=4, credit="kernel")
-    own = {f"event, {beyond.person}": {"timing": Timing(**SLOWEST, credit="event")}}
-    return at_once | late | {"kernel, jitter": {"subject": IDEAL, "timing": jitter}} | own
+    event, jitter = late["event"], Timing(**SLOWEST, jitter=4, credit="kernel")
+    budget = seeds_and_sizes(beyond.study.profile)[1]["total_steps"] // SLOWEST["interval"]
+    model = Asking(budget, model=True)  # which is fitted every 10 s: no delay counts
+    return at_once | late | {
+        "kernel, jitter": {"subject": IDEAL, "timing": jitter},
+        "event, weight 0.07": event | {"w_hf": Profile.w_hf / SLOWEST["interval"]},
+        "event, model": {"subject": IDEAL, "asking": model},
+        f"at once, {beyond.person}": {},
+        f"event, {beyond.person}": {"timing": event["timing"]},
+        f"event, model, {beyond.person}": {"asking": model},
+    }  # fmt: skip
 
 
 def _labels(beyond):
     """How many answers it takes, and what a model of them adds."""
     cases = {
         "every step": Asking(), "every step, model": Asking(model=True),
-        "each epoch once": Asking(once=True),
         "each epoch once, model": Asking(once=True, model=True),
         "each epoch once, unsure": Asking(once=True, model=True, when="unsure"),
     }  # fmt: skip
@@ -219,7 +233,8 @@ def _labels(beyond):
 def _forms(beyond):
     """Forms of the same answers, scaled so that right and wrong steps differ alike on average.
 
-    And each at half and at twice this scale.
+    And each at half and at twice this scale; but 0.5 - p, which is 1 - p less a constant, only
+    tells how much is luck.
     """
     rows = rows_of(beyond.p_error, beyond.person)
     cases: dict[str, dict] = {}
@@ -229,7 +244,8 @@ def _forms(beyond):
     ):  # fmt: skip
         told = {"feedback": "errp" if form is errp_reward else form}
         weight = Profile.w_hf * contrast(rows) / contrast(rows, form)
-        for scale, words in ((1, ""), (0.5, ", half"), (2, ", twice")):
+        scales = {"": 1.0} if form is forms.half else {"": 1, ", half": 0.5, ", twice": 2}
+        for words, scale in scales.items():
             cases[name + words] = told | {"w_hf": float(f"{scale * weight:.3g}")}
     return cases
 
@@ -239,18 +255,24 @@ def _weights(beyond):
 
     The spread needs no labels, and is small where a decoder knows little.
     """
-    fixed = {f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)}
+    fixed: dict[str, dict[str, Any]] = {
+        f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)
+    }
     changing: dict[str, dict[str, Any]] = {
         "fading": {"schedule": "fading"}, "growing": {"schedule": "growing"},
         "0.5 - p": {"feedback": forms.half}, "0.5 - p, by doubt": {"feedback": forms.doubting},
     }  # fmt: skip
+    who = weaker(beyond)
+    spread, usual = (rows_of(beyond.p_error, one)["p_error"].std() for one in (who, beyond.person))
+    weight = float(f"{Profile.w_hf * spread / usual:.3g}")
+    fixed |= {f"always {Profile.w_hf:g}, {who}": {"subject": who}}
+    return fixed | changing | {f"by spread, {who}": {"subject": who, "w_hf": weight}}
+
+
+def weaker(beyond) -> str:
+    """Name the person a quarter up from the weakest decoder, with whom there is room either way."""
     ranked = beyond.study.ranked_subjects()
-    spread = {who: rows_of(beyond.p_error, who)["p_error"].std() for who in ranked}
-    for who in (ranked[0], ranked[-1]):
-        weight = float(f"{Profile.w_hf * spread[who] / spread[beyond.person]:.3g}")
-        fixed |= {f"always {Profile.w_hf:g}, {who}": {"subject": who}}
-        changing |= {f"by spread, {who}": {"subject": who, "w_hf": weight}}
-    return fixed | changing
+    return ranked[round((len(ranked) - 1) / 4)]
 
 
 def _observers(beyond):
@@ -277,6 +299,32 @@ EXPERIMENTS: dict[str, Callable[[Beyond], dict[str, dict]]] = {
 }  # fmt: skip
 #: Cases of each.
 N_CASES = {
-    "ladder": 8, "bias": 7, "lateness": 9, "remedies": 8, "labels": 10, "forms": 12, "weights": 11,
+    "ladder": 9, "bias": 6, "lateness": 9, "remedies": 12, "labels": 9, "forms": 10, "weights": 9,
     "observers": 5, "tiring": 3,
 }  # fmt: skip
+
+
+def against(beyond: Beyond, experiment: str) -> dict[str, str]:
+    """What cases of an experiment are compared with, where that isn't the first one."""
+    me, who = beyond.person, weaker(beyond)
+    main = f"always {Profile.w_hf:g}"
+    told = {
+        "ladder": {f"d' = {WEAK:g}, matched": f"d' = {WEAK:g}"},
+        "bias": {"timid, matched": "timid"},
+        "remedies": {
+            **dict.fromkeys(["held", "event", "window", "kernel", "kernel, jitter"], "arrival"),
+            "event, weight 0.07": "event", "event, model": "event",
+            f"event, {me}": f"at once, {me}", f"event, model, {me}": f"event, {me}",
+        },
+        "labels": {
+            "each epoch once, unsure": "each epoch once, model",
+            **{f"{n:,}, unsure": f"{n:,}, model" for n in BUDGETS},
+            f"{BUDGETS[-1]:,}, model": f"{BUDGETS[-1]:,}",
+        },
+        "weights": {
+            **dict.fromkeys(["fading", "growing"], "always 0.4"),
+            "0.5 - p, by doubt": "0.5 - p", f"by spread, {who}": f"{main}, {who}",
+        },
+        "tiring": {"updated": "tired"},
+    }  # fmt: skip
+    return told.get(experiment, {})

@@ -62,6 +62,8 @@ def test_every_experiment_has_a_section_a_table_and_a_figure(made_by_hand, capsy
     sources = [cell.source for cell in nb.cells if cell.cell_type == "code"]
     cell = {"profile": "paper", "eeg": "simulated", "out": str(study.out), "ship": True}
     cell |= {"workers": 1, "recompute": False, "display": lambda *_: None}
+    reached = pd.DataFrame({"success": [1.0, 0.0], "completed": [1.0, 0.1]}, ["dense", "sparse"])
+    cell |= {"people": {}, "references": reached}  # of 6.1
     with plt.rc_context():
         for source in sources:
             if "use_style()" in source or "def learnt" in source or "learnt(" in source:
@@ -75,5 +77,5 @@ def test_every_experiment_has_a_section_a_table_and_a_figure(made_by_hand, capsy
     assert (ladder["n"] == 3).all() and np.isnan(ladder["apart"].iloc[0])
     assert (ladder["apart"].iloc[2:] == "down").all()
     labels = pd.read_csv(study.tables / "labels.csv").query("metric == 'answers'")
-    assert sorted(labels["mean"])[:2] == [1000, 2000], "as the runs' provenance says"
-    assert "written back to its event: 62% of the path at once" in capsys.readouterr().out
+    assert sorted(labels["mean"])[:2] == [2000, 3000], "as the runs' provenance says"
+    assert "written back to its event: 75% of the path at once" in capsys.readouterr().out

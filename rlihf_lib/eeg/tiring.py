@@ -1,8 +1,9 @@
 """A session in which a simulated person tires, and a decoder that is, or isn't, kept up to date.
 
-Responses shrink and come later from part to part of the session, as in mental fatigue. Whoever is
-decoded presses keys now and then, so that the first events of each part have labels: on these the
-decoder may be fine-tuned (`finetuning`), the paper's infrequent online update.
+Responses shrink and come later from part to part of the session, as in mental fatigue; else parts
+are alike, with the same events. Whoever is decoded presses keys now and then, so that some events
+of each part have labels: on all of these so far the decoder may be fine-tuned (`finetuning`), the
+paper's infrequent online update.
 """
 
 from dataclasses import replace
@@ -14,38 +15,53 @@ from rlihf_lib.eeg import hri, simulated
 from rlihf_lib.eeg.eeglab import read_eeglab
 from rlihf_lib.eeg.finetuning import fine_tune
 from rlihf_lib.eeg.preprocessing import Preprocessing, cut
+from rlihf_lib.eeg.scores import auroc
 from rlihf_lib.eeg.signals import SubjectEpochs
 
 PARTS = 5  # of the session
-N_LABELLED = 20  # events at the beginning of each part
+N_LABELLED = 40  # events of each part, others in each
 SMALLEST, LATEST = 0.5, 0.03  # at its end: amplitude, relative to the first part's; s added
 
 
 def session_table(subject: str, decoder) -> pd.DataFrame:
     """p(error) over a session of a simulated person, by the decoder that never saw them.
 
-    Columns as in the p(error) table, of the events that nobody has labelled, in their order, as
-    many in each of `PARTS`. Subjects are "<subject>_rested", who does not tire; "<subject>_tired",
-    by the decoder as it is; "<subject>_updated", by the decoder fine-tuned in every part.
+    Columns as in the p(error) table, in each of `PARTS` of the events that nobody has labelled in
+    any. Subjects are "<subject>_rested", who does not tire; "<subject>_tired", by the decoder as it
+    is; "<subject>_updated", by the decoder fine-tuned in every part.
     """
     session = [_epochs(subject, part / (PARTS - 1)) for part in range(PARTS)]
     rested = decoder.input_format.pick(session[0])
-    n = len(rested) // PARTS
-    rows, updated = [], decoder
+    order = np.random.default_rng(0).permutation(len(rested))  # or parts have blocks of their own
+    asked = np.sort(order[PARTS * N_LABELLED :])
+    rows, seen, labels = [], [], []
     for part, tired in enumerate(session):
-        labelled = slice(part * n, part * n + N_LABELLED)
-        asked = slice(part * n + N_LABELLED, (part + 1) * n)
+        labelled = np.sort(order[part * N_LABELLED : (part + 1) * N_LABELLED])
         signals = decoder.input_format.pick(tired)
-        updated = fine_tune(updated, signals[labelled], tired.labels[labelled])
+        seen.append(signals[labelled])
+        labels.append(tired.labels[labelled])
+        updated = fine_tune(decoder, np.concatenate(seen), np.concatenate(labels))
         p_error = {
             "rested": decoder.p_error(rested[asked]),
             "tired": decoder.p_error(signals[asked]),
             "updated": updated.p_error(signals[asked]),
         }
         for state, p in p_error.items():
-            told = {"epoch": tired.index[asked], "label": tired.labels[asked], "p_error": p}
+            epoch = part * (tired.index.max() + 1) + tired.index[asked]
+            told = {"epoch": epoch, "label": tired.labels[asked], "p_error": p}
             rows.append(pd.DataFrame({"subject": f"{subject}_{state}", **told}))
     return pd.concat(rows).sort_values(["subject", "epoch"], ignore_index=True)
+
+
+def aurocs_by_part(table: pd.DataFrame) -> pd.DataFrame:
+    """AUROC in each of `PARTS`, columns 1 to `PARTS`, of each subject of a `session_table`."""
+    rows = {}
+    for subject, own in table.sort_values("epoch").groupby("subject"):
+        parts = [own.iloc[part] for part in np.array_split(np.arange(len(own)), PARTS)]
+        rows[subject] = {
+            n: auroc(part["p_error"], part["label"]) for n, part in enumerate(parts, 1)
+        }
+    return pd.DataFrame(rows).T
 
 
 def _epochs(subject, tiredness):

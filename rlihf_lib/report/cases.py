@@ -6,7 +6,7 @@ as one pair of equal cases in ten will be by luck.
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -17,26 +17,32 @@ from rlihf_lib.rl.evaluation import Recording
 
 UNITS = {"clearance": " (m)", "speed": " (m/s)"}
 CASES = (
-    "late phase; mean over runs [lowest, highest run]; arrows: above or below all runs of the "
-    "first case"
+    "late phase; mean over runs [lowest, highest run]; arrows: above or below all runs of the case "
+    "it is compared with, where all of both have a value"
 )
 
 
-def case_table(late: pd.DataFrame, metrics: Iterable[str]) -> pd.DataFrame:
+def case_table(
+    late: pd.DataFrame, metrics: Iterable[str], against: Mapping[str, str]
+) -> pd.DataFrame:
     """Summarise `beyond.Beyond.late`, a row per case and metric.
 
-    Columns case, metric, n (runs that have a value), mean, low and high (of the runs), apart: "up"
-    or "down" if all runs are above or below all of the first case's, else empty.
+    Columns case, against (the case it is compared with: by the mapping, else the first), metric,
+    n_runs, n (those that have a value), mean, low and high (of the runs), apart: "up" or "down" if
+    all runs are above or below all of the other case's, else empty, also where a run has no value.
     """
     rows = []
     for metric in metrics:
-        first = None
-        for case, scores in late.groupby("case", observed=True)[metric]:
-            low, high = scores.min(), scores.max()
-            first = first or (low, high)
-            apart = "up" if low > first[1] else "down" if high < first[0] else ""
-            row = {"case": case, "metric": metric, "n": scores.count(), "mean": scores.mean()}
-            rows.append(row | {"low": low, "high": high, "apart": apart})
+        runs = {case: own[metric] for case, own in late.groupby("case", observed=True)}
+        for case, scores in runs.items():
+            beside = against.get(case, next(iter(runs)))
+            other, apart = runs[beside], ""
+            if scores.notna().all() and other.notna().all():
+                apart = "up" if scores.min() > other.max() else apart
+                apart = "down" if scores.max() < other.min() else apart
+            row = {"case": case, "against": "" if beside == case else beside, "metric": metric}
+            row |= {"n_runs": len(scores), "n": scores.count(), "mean": scores.mean()}
+            rows.append(row | {"low": scores.min(), "high": scores.max(), "apart": apart})
     return pd.DataFrame(rows)
 
 
@@ -47,13 +53,15 @@ def show_cases(table: pd.DataFrame) -> pd.DataFrame:
     def words(row):
         if not row.n:
             return "–"
-        d = DIGITS.get(row.metric, 2)
-        return f"{row.mean:.{d}f} [{row.low:.{d}f}, {row.high:.{d}f}]{arrows[row.apart]}"
+        d, few = DIGITS.get(row.metric, 2), f" (n = {row.n})" if row.n < row.n_runs else ""
+        return f"{row.mean:.{d}f} [{row.low:.{d}f}, {row.high:.{d}f}]{arrows[row.apart]}{few}"
 
     shown = table.assign(words=[words(row) for row in table.itertuples()])
+    beside = shown.drop_duplicates("case").set_index("case")["against"]
     shown = shown.pivot(index="case", columns="metric", values="words")
     shown = shown.loc[table["case"].unique(), table["metric"].unique()]
     shown.columns = [f"{name}{UNITS.get(name, '')}" for name in shown]
+    shown.insert(0, "compared with", beside)
     return shown.rename_axis(columns=None).reset_index()
 
 

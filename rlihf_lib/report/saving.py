@@ -6,6 +6,7 @@ import textwrap
 from pathlib import Path
 
 import pandas as pd
+from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -40,10 +41,12 @@ def save_figure(fig: Figure, study, name: str, notebook: str, sources=(), says: 
     words = textwrap.fill(caption(study, says).replace(" %", "\N{NO-BREAK SPACE}%"), letters)
     fig.supxlabel(words, fontsize=SMALL, color="#555555")
     _require_printable(fig, name)
-    engine = fig.get_layout_engine()
+    engine, shown = fig.get_layout_engine(), fig.dpi
     if engine:
+        fig.set_dpi(rcParams["savefig.dpi"])  # at which letters are wider than on a screen
         engine.execute(fig)
         engine.execute(fig)  # once more, for the first may have changed the ticks
+        fig.set_dpi(shown)
     fig.set_layout_engine("none")  # laid out once, not again for each file
     # With a date or a software version, equal data would give unequal files.
     for suffix, field in ((".pdf", "CreationDate"), (".png", "Software")):

@@ -1,10 +1,10 @@
 """Feedback when answers are few: which steps are asked about, and a model that fills in the rest.
 
 People tire, and an epoch that has answered once says nothing new the second time. So only some
-steps are asked about, at random or where a model of the feedback is unsure. Without a model an
-answer counts for all the steps that were not asked about: the mean of answers so far is every
-step's feedback, and what an answer is above or below it is divided by the share of steps that is
-asked about, so that right and wrong steps differ as much, on average, as if all were. A model is an
+steps are asked about, at random or where a model of the feedback is unsure. Without a model the
+mean of answers so far is every step's feedback, and what an answer is above or below it is divided
+by the share of steps that is asked about, so that right and wrong steps differ as much, on average,
+as if all were; ends of episodes are judged as everywhere, for they last (`rewards`). A model is an
 ensemble of networks of observation and action, fitted to the answers so far: as the observer judges
 what a step gains, not how far the robot has come, it predicts advantages, not levels. Its word is
 every step's feedback, and when it is fitted anew, that of the steps in memory is written anew, too.
@@ -34,15 +34,18 @@ class Asking:
     """Answers in all; 0 = every step's."""
     once: bool = False
     """Whether an epoch answers once and then never again: no more than the person's epochs are in
-    the budget, and where those of either class are used up, nothing is asked any more."""
+    the budget, and where those of either class are used up, nothing is asked any more. So few need
+    a model."""
     when: str = "spread"
     """One of `WHEN`: at random over all of training, or where the model is unsure."""
     model: bool = False
     """Whether the model answers; else steps without an answer get what answers were on average."""
 
     def __post_init__(self):
-        if self.when not in WHEN or (self.when == "unsure" and not self.model):
-            raise ValueError(f"{self}: when is one of {', '.join(WHEN)}, unsure with a model only")
+        if self.when not in WHEN:
+            raise ValueError(f"{self}: when is one of {', '.join(WHEN)}")
+        if not self.model and (self.once or self.when == "unsure"):
+            raise ValueError(f"{self}: to ask once, or where it is unsure, takes a model")
         if self.budget < 0:
             raise ValueError(f"{self}: budget is 0, for every step, or more")
 
@@ -51,8 +54,8 @@ class AskingReward(TrainingReward):
     """`TrainingReward` of condition "rlihf" that asks about some steps only, by an `Asking`.
 
     `info["late"]` holds what feedback of earlier steps is changed by when the model is fitted: how
-    many steps ago they were, and by how much. `rng` decides which steps are asked about. The end of
-    an episode is a step like others, but what it is worth lasts (`rewards`).
+    many steps ago they were, and by how much. `rng` decides which steps are asked about. To a model
+    the end of an episode is a step like others, but what it is worth lasts (`rewards`).
     """
 
     def __init__(self, env, *arguments, asking: Asking, rng):
@@ -67,24 +70,29 @@ class AskingReward(TrainingReward):
         self._paid, self._scales = np.zeros((2, n))
         self._asked: list[int] = []  # steps with an answer
         self._answers: list[float] = []
+        self._fitted = 0  # of them
         self._mean = 0.5  # of the answers so far
         self._doubts: deque[float] = deque(maxlen=COMPARED)
         most = min(asking.budget or n, n)
         self.budget = min(most, self.observer.n_epochs) if asking.once else most
+        self._rate = self.budget / n
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; its reward is what is known of it now."""
         observation, _, terminated, truncated, info = self.advance(action)
         moment, now = info["moment"], self._steps - 1
-        if self.asking.model and self._answers and now % REFIT == 0:
+        if terminated and not self.asking.model:
+            reward, _ = self.judge(moment)
+            return observation, reward, terminated, truncated, info
+        if self.asking.model and len(self._answers) > self._fitted and now % REFIT == 0:
             info["late"] = self._rewrite(now)
         self._inputs[now] = np.concatenate(self._seen)
         self._scales[now] = self.w_hf * (self._discounts.sum() if terminated else 1.0)
         self._paid[now], doubt = self._mean, None
-        if self.asking.model and now >= REFIT:
+        if self._fitted:
             (self._paid[now],), (doubt,) = self._model.predict(self._inputs[now : now + 1])
-        rate = min(1.0, (self.budget - len(self._asked)) / (len(self._paid) - now))
-        if self._is_asked(rate, doubt if self.asking.when == "unsure" else None):
+        wanted = self._is_wanted(doubt if self.asking.when == "unsure" else None)
+        if wanted and len(self._asked) < self.budget:
             answers = self.feedback(self.observer.watch(moment))
             if not len(answers):
                 self.budget = len(self._asked)  # epochs of this class are used up
@@ -93,20 +101,21 @@ class AskingReward(TrainingReward):
                 self._answers.append(answer)
                 self._mean += (answer - self._mean) / len(self._answers)
                 if not self.asking.model:
-                    self._paid[now] = self._mean + (answer - self._mean) / rate
+                    self._paid[now] = self._mean + (answer - self._mean) / self._rate
         reward = task_reward(moment, self.discount) + self._scales[now] * self._paid[now]
         return observation, reward, terminated, truncated, info
 
-    def _is_asked(self, rate, doubt):
+    def _is_wanted(self, doubt):
         """Draw a share of all steps, or, by a doubt, take that of the most doubtful ones."""
         if doubt is None:
-            return self._rng.random() < rate
+            return self._rng.random() < self._rate
         self._doubts.append(doubt)
-        return rate > 0 and doubt >= np.quantile(self._doubts, 1 - rate)
+        return doubt >= np.quantile(self._doubts, 1 - self._rate)
 
     def _rewrite(self, now):
         """Fit the model; return what the feedback of the `now` steps so far changes by."""
         self._model.fit(self._inputs[self._asked], np.array(self._answers))
+        self._fitted = len(self._answers)
         known, _ = self._model.predict(self._inputs[:now])
         change = self._scales[:now] * (known - self._paid[:now])
         self._paid[:now] = known

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import logit
 
-from rlihf_lib.rl.observer import SURE_PROGRESS, comfort, progress
+from rlihf_lib.rl.observer import SURE_PROGRESS, comfort, path_observer, progress
 from rlihf_lib.task.moment import Moment
 
 
@@ -39,15 +39,32 @@ def planner(moment: Moment) -> float:
 
 
 def wary(moment: Moment) -> float:
-    """P(wrong) of somebody at ease only from 8 cm on, who is content with half the progress."""
+    """P(wrong) of somebody at ease only from 6.5 cm on, and not at all up to 3.5."""
     if moment.success:
         return 0.0
-    return 1.0 - progress(moment, SURE_PROGRESS / 2) * comfort(moment.clearance - 0.03)
+    return 1.0 - progress(moment) * comfort(moment.clearance - 0.015)
 
 
 def hates_speed(moment: Moment) -> float:
-    """P(wrong) of somebody whom a hand at more than half its full speed frightens."""
+    """P(wrong) of somebody whom a hand at more than half its full speed frightens.
+
+    Slow steps gain little, so half the progress is enough.
+    """
     if moment.success:
         return 0.0
     slow = moment.moved <= SURE_PROGRESS
     return 1.0 - progress(moment, SURE_PROGRESS / 2) * comfort(moment.clearance) * slow
+
+
+def blind(moment: Moment) -> float:
+    """P(wrong) by the path, of which half is missed while the can is held."""
+    return path_observer(moment) * (0.5 if moment.grasped else 1.0)
+
+
+def jumpy(moment: Moment) -> float:
+    """P(wrong) by the path, but at least a half where the hand is faster than half its full speed.
+
+    As if muscles and eyes that follow it looked like an error.
+    """
+    startled = 0.5 if moment.moved > SURE_PROGRESS else 0.0
+    return max(path_observer(moment), startled)

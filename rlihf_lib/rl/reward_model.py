@@ -6,7 +6,7 @@ import torch
 from rlihf_lib.rl.sac.networks import StackedCritic
 
 N_NETWORKS, HIDDEN, LEARNING_RATE = 5, (64, 64), 1e-3
-UPDATES, BATCH = 200, 256  # of Adam in a fit
+UPDATES, PASSES, BATCH = 200, 20, 256  # of Adam in a fit, at most; over few answers
 INPUT_NOISE = 0.1  # standard deviation, on what networks are fitted to, as the critics'
 
 
@@ -37,7 +37,7 @@ class RewardModel:
         self._mean = float(y.mean())
         new = torch.full((N_NETWORKS, len(y) - self._weights.shape[1], 1), 1.0)
         self._weights = torch.cat([self._weights, torch.poisson(new, self._random)], dim=1)
-        for _ in range(UPDATES):
+        for _ in range(min(UPDATES, -(-PASSES * len(y) // BATCH))):
             chosen = torch.randint(len(y), (BATCH,), generator=self._random)
             noise = torch.randn(BATCH, x.shape[1], generator=self._random)
             errors = self._mean + self._outputs(x[chosen] + INPUT_NOISE * noise) - y[chosen]

@@ -15,14 +15,19 @@ def test_cases_are_apart_where_no_run_of_one_reaches_any_of_the_other():
     late = pd.DataFrame([(c, v) for c, pair in scores.items() for v in pair],
                         columns=["case", "success"])  # fmt: skip
     late["case"] = pd.Categorical(late["case"], list(scores))
-    table = case_table(late.assign(clearance=np.nan), ("success", "clearance"))
+    late = late.assign(clearance=np.nan, speed=[0.1, 0.1, 0.2, np.nan] + 4 * [0.3])
+    table = case_table(late, ("success", "clearance", "speed"), {"among": "above"})
     success = table.query("metric == 'success'").set_index("case")
-    assert success["apart"].to_dict() == {"first": "", "above": "up", "below": "down", "among": ""}
+    assert success["apart"].to_dict() == {
+        "first": "", "above": "up", "below": "down", "among": "down",
+    }  # fmt: skip
     assert success["mean"].tolist() == pytest.approx([0.5, 0.75, 0.2, 0.35])
     shown = show_cases(table)
     assert shown["success"].tolist() == [
-        "0.50 [0.40, 0.60]", "0.75 [0.70, 0.80] ↑", "0.20 [0.10, 0.30] ↓", "0.35 [0.20, 0.50]",
+        "0.50 [0.40, 0.60]", "0.75 [0.70, 0.80] ↑", "0.20 [0.10, 0.30] ↓", "0.35 [0.20, 0.50] ↓",
     ]  # fmt: skip
+    assert shown["compared with"].tolist() == ["", "first", "first", "above"]
+    assert shown["speed (m/s)"][1] == "0.20 [0.20, 0.20] (n = 1)", "no arrow where one has no value"
     assert set(shown["clearance (m)"]) == {"–"}, "nobody places the can"
 
 

@@ -56,6 +56,15 @@ def test_what_is_not_seen_may_be_small_and_fonts_are_embedded(study):
     assert b"/FontFile2" in pdf and b"/Type3" not in pdf
 
 
+def test_no_letter_is_cut_at_the_border(study):
+    fig, ax = plt.subplots(figsize=(3.4, 2))
+    ax.set_yticks([0, 1], ["event, weight 0.07, late", "x"])
+    save_figure(fig, study, "wide", "04_metrics_tables")
+    picture = plt.imread(study.figures / "wide.png")[..., :3]
+    assert fig.dpi == 100 and picture[:, :6].min() == 1, "white"
+    assert picture[:, :20].min() < 0.5, "and no room is lost"
+
+
 def test_latex_is_escaped_and_has_booktabs_lines(study):
     cells = ["RLIHF - -0.42 ± 1e-05", None]
     shown = pd.DataFrame({"a_b": cells, "p < 1": [0.5, 1]}, index=["in", "k&r"])
