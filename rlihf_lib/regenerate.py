@@ -7,6 +7,7 @@ import tempfile
 import threading
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 
 from rlihf_lib import progress
@@ -124,12 +125,15 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
 
 
 def _together(study, jobs, recompute):
-    """Which of the notebooks left can be executed at once: those that train nothing."""
-    if recompute or study.status()["missing"].any():
+    """Which of the notebooks left can be executed at once: those before one that trains."""
+    rows = study.status()
+    train = {stage[:2] for stage in rows.loc[rows["missing"] > 0, "stage"]}
+    together = list(takewhile(lambda job: job[0].stem[:2] not in train, jobs))
+    if recompute or not together:
         return jobs[:1]
-    if jobs[0][0].stem != FROM_EEG[0]:
-        return jobs
-    return [job for job in jobs if job[0].stem not in READ_01]
+    if together[0][0].stem != FROM_EEG[0]:
+        return together
+    return [job for job in together if job[0].stem not in READ_01]
 
 
 def _parameters(study, step, workers, recompute):

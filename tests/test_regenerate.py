@@ -107,19 +107,20 @@ def test_of_a_table_of_p_error_what_reads_eeg_is_left_out(tmp_path):
 def test_notebooks_are_executed_at_once_where_none_trains_or_reads_what_another_writes(
     tmp_path, monkeypatch
 ):
-    study, batches, missing = Study("smoke", out=tmp_path), [], iter([True, True, False, False])
+    study, batches = Study("smoke", out=tmp_path), []
+    missing = iter([("02", "03", "06"), ("02", "03", "06"), *3 * [("03", "06")], ("06",), ("06",)])
 
     def executed(_, jobs, workers):
         batches.append([output.stem[:2] for _, output, *_ in jobs])
         return []
 
     monkeypatch.setattr(regenerate, "in_processes", executed)
-    monkeypatch.setattr(Study, "p_error", lambda self: None)
-    monkeypatch.setattr(Study, "status", lambda self: pd.DataFrame({"missing": [next(missing)]}))
-    steps = [step for step in regenerate.STEPS if step.title != "03_policy_training-rlihf"]
-    regenerate.regenerate(study, [steps[0], *steps[2:]])
-    assert batches == [["01"], ["03"], ["03", "04", "05", "06"]]
-    missing, batches[:] = iter([False] * 9), []
+    monkeypatch.setattr(
+        Study, "status", lambda self: pd.DataFrame({"stage": next(missing), "missing": 1})
+    )
+    regenerate.regenerate(study, select([], study))
+    assert batches == [["01"], ["02"], ["03"], ["03"], ["03"], ["04", "05"], ["06"]]
+    missing, batches[:] = iter([(), ()]), []
     regenerate.regenerate(study, select([], study), workers=8)
     assert batches == [["01", "03", "03", "03", "05", "06"], ["02", "04"]]
 
