@@ -16,6 +16,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONGEST_FIRST = (
     "test_notebooks.py",
     "test_campaign.py",
+    "test_stopped.py",
     "test_incentives.py",
     "test_golden.py",
     "test_sweep.py",
