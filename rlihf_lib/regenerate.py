@@ -126,10 +126,12 @@ def regenerate(study: Study, steps, workers=0, recompute=False) -> None:
 
 def _together(study, jobs, recompute):
     """Which of the notebooks left can be executed at once: those before one that trains."""
+    if recompute:
+        return jobs[:1]
     rows = study.status()
     train = {stage[:2] for stage in rows.loc[rows["missing"] > 0, "stage"]}
     together = list(takewhile(lambda job: job[0].stem[:2] not in train, jobs))
-    if recompute or not together:
+    if not together:
         return jobs[:1]
     if together[0][0].stem != FROM_EEG[0]:
         return together

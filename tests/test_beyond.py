@@ -2,7 +2,6 @@
 
 import dataclasses
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -61,7 +60,8 @@ def test_cases_are_as_many_as_are_counted_before_there_are_decoders(beyond, tmp_
 
 
 def test_nobody_tires_who_is_not_simulated(tmp_path, monkeypatch):
-    monkeypatch.setitem(PROFILES, "smoke", replace(PROFILES["smoke"], experiments=("tiring",)))
+    smoke = dataclasses.replace(PROFILES["smoke"], experiments=("tiring",))
+    monkeypatch.setitem(PROFILES, "smoke", smoke)
     assert experiments(Study("smoke")) == ("tiring",)
     (tmp_path / "lab.csv").touch()
     assert experiments(Study("smoke", tmp_path / "lab.csv", tmp_path)) == ()
@@ -137,7 +137,7 @@ def test_the_budget_of_a_person_is_that_of_their_epochs(beyond):
 
 def test_a_weight_by_spread_listens_less_to_a_decoder_that_knows_less(beyond):
     cases, ranked = beyond.cases("weights"), beyond.study.ranked_subjects()
-    (who,) = {weaker(beyond)}
+    who = weaker(beyond)
     assert ranked[0] != who != beyond.person
     assert 0.4 < cases[f"by spread, {who}"][0].w_hf < 0.7
 

@@ -66,7 +66,12 @@ def test_every_experiment_has_a_section_a_table_and_a_figure(made_by_hand, capsy
     cell |= {"people": {}, "references": reached}  # of 6.1
     with plt.rc_context():
         for source in sources:
-            if "use_style()" in source or "def learnt" in source or "learnt(" in source:
+            if (
+                "use_style()" in source
+                or "def learnt" in source
+                or "learnt(" in source
+                or "draw_cases(" in source
+            ):
                 exec(source.replace("from IPython.display import display\n", ""), cell)
     plt.close("all")
     for name in EXPERIMENTS:

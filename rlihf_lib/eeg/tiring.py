@@ -34,6 +34,7 @@ def session_table(subject: str, decoder) -> pd.DataFrame:
     rested = decoder.input_format.pick(session[0])
     order = np.random.default_rng(0).permutation(len(rested))  # or parts have blocks of their own
     asked = np.sort(order[PARTS * N_LABELLED :])
+    always = decoder.p_error(rested[asked])
     rows, seen, labels = [], [], []
     for part, tired in enumerate(session):
         labelled = np.sort(order[part * N_LABELLED : (part + 1) * N_LABELLED])
@@ -42,7 +43,7 @@ def session_table(subject: str, decoder) -> pd.DataFrame:
         labels.append(tired.labels[labelled])
         updated = fine_tune(decoder, np.concatenate(seen), np.concatenate(labels))
         p_error = {
-            "rested": decoder.p_error(rested[asked]),
+            "rested": always,
             "tired": decoder.p_error(signals[asked]),
             "updated": updated.p_error(signals[asked]),
         }

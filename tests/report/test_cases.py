@@ -34,13 +34,8 @@ def test_cases_are_apart_where_no_run_of_one_reaches_any_of_the_other():
 def test_answers_are_those_that_the_runs_tell_of(tmp_path):
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "provenance.json").write_text(json.dumps({"watched": 480}))
-    assert count_answers(
-        pd.DataFrame(
-            {"run": ["one"]},
-            [7],
-        ),
-        tmp_path,
-    ).to_dict() == {7: 480}
+    late = pd.DataFrame({"run": ["one"]}, [7])
+    assert count_answers(late, tmp_path).to_dict() == {7: 480}
 
 
 def test_a_hand_that_trembles_is_less_smooth_however_far_it_goes():
