@@ -91,54 +91,65 @@ def family(process) -> list[psutil.Process]:
         return []
 
 
-def killed(folder, process, rng):
+def end(process):
+    """kill -9 of a process and of all below it; wait until they are gone."""
+    below = family(process)
+    for one in (*below, process):
+        one.kill()
+    process.wait()
+    psutil.wait_procs(below, timeout=GRACE)
+
+
+def killed(folder, process, rng, whole):
     """kill -9 of the process that was started."""
     process.kill()
 
 
-def all_killed(folder, process, rng):
+def all_killed(folder, process, rng, whole):
     """kill -9 of it and of all its workers."""
     for one in family(process):
         one.kill()
     process.kill()
 
 
-def worker_killed(folder, process, rng):
+def worker_killed(folder, process, rng, whole):
     """kill -9 of one of its workers."""
     if workers := family(process):
         rng.choice(workers).kill()
 
 
-def terminated(folder, process, rng):
+def terminated(folder, process, rng, whole):
     """SIGTERM or, as by ctrl-C, SIGINT."""
     process.send_signal(rng.choice([signal.SIGTERM, signal.SIGINT]))
 
 
-def doubled(folder, process, rng):
+def doubled(folder, process, rng, whole):
     """The same command a second time, while the first is at work."""
     code, said = finish(start(folder))
     assert code == 0, said
 
 
-def edited(folder, process, rng):
+def edited(folder, process, rng, whole):
     """A byte of a result changed; the command must name the file."""
-    finish(process)
+    end(process)
+    shutil.rmtree(folder)
+    shutil.copytree(whole, folder)
     files = [p for p in folder.rglob("*.*") if p.suffix in (".csv", ".json", ".safetensors")]
     path = rng.choice([p for p in files if {"folds", "weights", "runs"} & {*p.parts}])
-    whole = path.read_bytes()
-    at = rng.randrange(len(whole))
-    path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    content = path.read_bytes()
+    at = rng.randrange(len(content))
+    path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
     code, said = finish(start(folder))
     assert code == 1 and f"{path.name} is not what was written" in said, said
-    path.write_bytes(whole)
+    path.write_bytes(content)
 
 
-def starved(folder, process, rng):
+def starved(folder, process, rng, whole):
     """A disk that is full; the command must name the place, and go on once there is room.
 
     False where none can be had.
     """
-    finish(process)
+    end(process)
     shutil.rmtree(folder)
     folder.mkdir()
     size = rng.randrange(1, 120)
@@ -176,21 +187,29 @@ class Tally:
     hangs: int = 0
 
 
-def attack(kind, seconds, expected, rng, place) -> Counter:
-    """Attack work that takes so long undisturbed; return what went wrong."""
+def undisturbed(folder) -> tuple[Path, float]:
+    """Do the work; return its folder, and the seconds it took."""
+    started = time.monotonic()
+    code, said = finish(start(folder))
+    assert code == 0, said
+    return Path(folder), time.monotonic() - started
+
+
+def attack(kind, whole, seconds, rng, place) -> Counter:
+    """Attack work that is `whole`, and takes so long, undisturbed; return what went wrong."""
     folder, wrong = Path(tempfile.mkdtemp(dir=place)), Counter(tried=1)
     process = start(folder)
     try:
         time.sleep(rng.uniform(0, seconds))
         below = family(process)
-        wrong["tried"] = int(kind(folder, process, rng) is not False)
+        wrong["tried"] = int(kind(folder, process, rng, whole) is not False)
         process.wait(LIMIT)
         wrong["orphans"] += len(psutil.wait_procs(below, timeout=GRACE)[1])
         code, said = finish(start(folder))
         if code:
             print(f"{kind.__name__}: the same command again said: {said}", file=sys.stderr)
             wrong["refused"] += 1
-        found = contents(folder)
+        found, expected = contents(folder), contents(whole)
         wrong["left"] += len(list(folder.rglob("*.partial*")))
         if changed := {
             n for n in found.keys() | expected.keys() if found.get(n) != expected.get(n)
@@ -203,24 +222,24 @@ def attack(kind, seconds, expected, rng, place) -> Counter:
         print(f"{kind.__name__}: {error}", file=sys.stderr)
         wrong["refused"] += 1
     finally:
-        for one in (process, *family(process)):
-            one.kill()
+        end(process)
     shutil.rmtree(folder, ignore_errors=True)
     return wrong
 
 
-def campaign(minutes=0.0, rounds=0, seed=0, kinds=ATTACKS) -> pd.DataFrame:
-    """Attack for so long, or so many times by each kind; return a `Tally` per kind of attack."""
+def campaign(minutes=0.0, rounds=0, seed=0, kinds=ATTACKS, done_before=None) -> pd.DataFrame:
+    """Attack for so long, or so many times by each kind; return a `Tally` per kind of attack.
+
+    What is `undisturbed` may have been done before.
+    """
     rng, tallies = random.Random(seed), {kind: Counter() for kind in kinds}
     with tempfile.TemporaryDirectory(prefix="rlihf-campaign-") as place:
-        whole, started = Path(place) / "whole", time.monotonic()
-        code, said = finish(start(whole))
-        assert code == 0, said
-        seconds, expected = time.monotonic() - started, contents(whole)
+        started = time.monotonic()
+        whole, seconds = done_before or undisturbed(Path(place) / "whole")
         done, until = 0, started + 60 * minutes
         while time.monotonic() < until or done < rounds * len(kinds):
             kind = kinds[done % len(kinds)]
-            tallies[kind] += attack(kind, seconds, expected, rng, place)
+            tallies[kind] += attack(kind, whole, seconds, rng, place)
             done += 1
     rows = [asdict(Tally(**counts)) for counts in tallies.values()]
     return pd.DataFrame(rows, index=[kind.__name__ for kind in kinds])

@@ -17,10 +17,31 @@ LONGEST_FIRST = (
     "test_notebooks.py",
     "test_campaign.py",
     "test_stopped.py",
-    "test_incentives.py",
-    "test_golden.py",
+    "test_exercises.py",
+    "test_jupyterlab.py",
+    "test_loso.py",
     "test_sweep.py",
+    "test_own_epochs.py",
+    "test_lsl.py",
+    "test_golden.py",
+    "test_incentives.py",
+    "test_regenerate.py",
 )
+
+
+@pytest.fixture(scope="session")
+def undisturbed_work(tmp_path_factory, worker_id):
+    """Folder of the campaign's work and the seconds it took, done by one worker for all."""
+    from rlihf_lib.files import locked
+    from tests import campaign  # imports NumPy
+
+    place = tmp_path_factory.getbasetemp()
+    place = place if worker_id == "master" else place.parent
+    seconds = place / "seconds"
+    with locked(place / "undisturbed.lock"):
+        if not seconds.exists():
+            seconds.write_text(str(campaign.undisturbed(place / "undisturbed")[1]))
+    return place / "undisturbed", float(seconds.read_text())
 
 
 @pytest.fixture

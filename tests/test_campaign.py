@@ -4,6 +4,7 @@ What it leaves out (a command or worker killed or terminated, two at once) has i
 """
 
 import os
+import shutil
 
 from tests.campaign import all_killed, campaign, contents, edited, finish, start, starved
 
@@ -15,19 +16,21 @@ ELSEWHERE = {
 LATER = 2**32  # s, in the year 2106
 
 
-def test_nothing_is_lost_whatever_is_killed_edited_or_full():
-    tally = campaign(rounds=1, seed=1, kinds=(all_killed, edited, starved))
+def test_nothing_is_lost_whatever_is_killed_edited_or_full(undisturbed_work):
+    kinds = (all_killed, edited, starved)
+    tally = campaign(rounds=1, seed=1, kinds=kinds, done_before=undisturbed_work)
     tried = tally["tried"] if os.getuid() == 0 else tally["tried"].drop("starved")  # mounts a disk
     assert (tried == 1).all()
     assert not tally.drop(columns="tried").any(axis=None), f"\n{tally}"
 
 
-def test_the_same_bytes_come_out_anywhere_and_a_clock_that_was_set_back_does_nothing(tmp_path):
+def test_the_same_bytes_come_out_anywhere_and_a_clock_that_was_set_back_does_nothing(
+    undisturbed_work, tmp_path
+):
     plain, odd = tmp_path / "plain", tmp_path / "mit Leerzeichen, ü"
     odd.mkdir()
     (tmp_path / "link").symlink_to(odd)
-    code, said = finish(start(plain))
-    assert code == 0, said
+    shutil.copytree(undisturbed_work[0], plain)
     code, said = finish(start(tmp_path / "link" / "ergebnis é", workers=1, **ELSEWHERE))
     assert code == 0, said
     first, second = contents(plain), contents(odd / "ergebnis é")

@@ -17,7 +17,7 @@ import nbformat
 import psutil
 import pytest
 
-from rlihf_lib.regenerate import NOTEBOOKS, execute
+from rlihf_lib.regenerate import NOTEBOOKS
 from rlihf_lib.study import Study
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -37,9 +37,10 @@ def lab(tmp_path_factory):
     """JupyterLab on a folder with notebook 05, the runs that it shows, and an endless one."""
     root = tmp_path_factory.mktemp("lab")
     shutil.copy(NOTEBOOKS.parent / "README.md", root)
-    study, copy = Study(), Study(out=root / "out")
-    shutil.copytree(study.decoder, copy.decoder)
-    shutil.copytree(study.runs, copy.runs)
+    study = Study()
+    for copy in (Study(out=root / "out"), Study(out=root / "other")):
+        shutil.copytree(study.decoder, copy.decoder)
+        shutil.copytree(study.runs, copy.runs)
     nb = nbformat.read(NOTEBOOKS / "05_whf_ablation.ipynb", as_version=4)
     (parameters,) = (c for c in nb.cells if "parameters" in c.metadata.get("tags", []))
     parameters.source = parameters.source.replace('out = ""', 'out = "out"')
@@ -66,7 +67,7 @@ def lab(tmp_path_factory):
             break
         except OSError:
             time.sleep(0.5)
-    yield root, address
+    yield root, address, psutil.Process(server.pid)
     for process in [*psutil.Process(server.pid).children(recursive=True), server]:
         process.terminate()
     server.wait(20)
@@ -86,7 +87,7 @@ def browser(lab):
 @pytest.fixture
 def opened(lab, browser):
     """Open a notebook of the folder in a page of its own."""
-    _, address = lab
+    _, address, _ = lab
     pages = []
 
     def open_notebook(name):
@@ -140,7 +141,7 @@ def saved(page, path):
 
 
 def test_jupyterlab_opens_with_the_readme_as_a_page(lab, browser):
-    _, address = lab
+    _, address, _ = lab
     page = browser.new_page()
     page.goto(address)
     page.locator(".jp-MarkdownViewer h1", has_text="rlihf").wait_for(timeout=60_000)
@@ -149,15 +150,16 @@ def test_jupyterlab_opens_with_the_readme_as_a_page(lab, browser):
 
 
 def test_run_all_and_a_moved_slider(opened, lab):
-    root, _ = lab
+    root, *_ = lab
     page = opened("05")
+    papermill = _start_papermill(root)
     menu(page, "Run", "Run All Cells")
     check = page.locator(".jp-OutputArea-output", has_text="expected").last
     check.wait_for(timeout=240_000)
     for cell in saved(page, root / "05.ipynb"):
         for output in cell.outputs:
             assert output.output_type != "error" and output.get("name") != "stderr", cell.source
-    _require_what_papermill_makes(root)
+    _require_what_makes(papermill, root)
     slider = page.locator(".widget-slider .noUi-handle, .widget-dropdown select").first
     slider.scroll_into_view_if_needed()
     cell = page.locator(".jp-CodeCell", has=slider)
@@ -173,12 +175,15 @@ def test_run_all_and_a_moved_slider(opened, lab):
     assert picture.get_attribute("src") != before, "the picture has not followed the control"
 
 
-def _require_what_papermill_makes(root):
+def _start_papermill(root):
+    notebook, copy = str(NOTEBOOKS / "05_whf_ablation.ipynb"), str(root / "papermill.ipynb")
+    command = [sys.executable, "-m", "papermill", notebook, copy, "-p", "out", str(root / "other")]
+    return subprocess.Popen([*command, "--no-progress-bar", "--log-level", "ERROR"], cwd=root)
+
+
+def _require_what_makes(papermill, root):
+    assert papermill.wait(240) == 0
     study, other = Study(out=root / "out"), Study(out=root / "other")
-    for name in ("decoder", "runs"):
-        shutil.copytree(study.results / name, other.results / name)
-    notebook = NOTEBOOKS / "05_whf_ablation.ipynb"
-    execute(notebook, root / "papermill.ipynb", {"out": str(other.out)})
     for kind in ("figures", "tables"):
         first, second = (
             {path.name: path.read_bytes() for path in getattr(one, kind).iterdir()}
@@ -188,13 +193,13 @@ def _require_what_papermill_makes(root):
 
 
 def test_the_stop_button_ends_workers_within_seconds(opened, lab):
-    root, _ = lab
+    root, _, server = lab
     page = opened("endless")
     menu(page, "Run", "Run All Cells")
     bar = page.locator(".jp-OutputArea-output", has_text="runs: 0.0 of 2")
     bar.wait_for(timeout=120_000)
-    kernels = [p for p in psutil.process_iter() if _argument(p, "ipykernel_launcher")]
-    (kernel,) = (p for p in kernels if _workers(p))
+    started = server.children(recursive=True)
+    (kernel,) = (p for p in started if _argument(p, "ipykernel_launcher") and _workers(p))
     time.sleep(5)
     keep(page, root, "running")
     workers = _workers(kernel)
@@ -218,7 +223,7 @@ def _workers(kernel):
 
 
 def test_screenshots_are_kept(lab):
-    root, _ = lab
+    root, *_ = lab
     folder = Path(os.environ.get("RLIHF_SCREENSHOTS", root / "screenshots"))
     names = {path.stem for path in folder.glob("*.png")}
     assert {"slider-before", "slider-after", "running", "stopped"} <= names

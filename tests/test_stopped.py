@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from rlihf_lib.study import REPOSITORY
-from tests.campaign import contents, finish, start
+from tests.campaign import contents
 
 NAMES = ("profile", "eeg", "out", "workers", "recompute", "ship")
 PARAMETERS = "\n".join(f"{name} = None" for name in NAMES)
@@ -46,6 +46,7 @@ PHASES = {
     ),
     "side by side": ("import time\ntime.sleep(1000)", 4),
 }
+BEGUN = "import os\nopen(f'{os.getpid()}.begun', 'w').close()"
 WORK = "from pathlib import Path\nfrom tests.campaign import work\nwork(Path('done'))"
 
 
@@ -60,10 +61,11 @@ def begun(tmp_path):
 
     def begin(phase):
         source, least = (PHASES | {"at work": (WORK, 3)})[phase]
-        cells = [nbformat.v4.new_code_cell(text) for text in (PARAMETERS, source)]
-        cells[0].metadata["tags"] = ["parameters"]
+        second = source if phase == "side by side" else ""
         kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
-        for name in ("04_metrics_tables", "05_whf_ablation"):
+        for name, text in (("04_metrics_tables", source), ("05_whf_ablation", second)):
+            cells = [nbformat.v4.new_code_cell(part) for part in (PARAMETERS, f"{BEGUN}\n{text}")]
+            cells[0].metadata["tags"] = ["parameters"]
             nb = nbformat.v4.new_notebook(cells=cells, metadata={"kernelspec": kernel})
             nbformat.write(nb, tmp_path / f"{name}.ipynb")
         (tmp_path / "command.py").write_text(textwrap.dedent(COMMAND))
@@ -73,12 +75,13 @@ def begun(tmp_path):
         )  # fmt: skip
         processes.append(command)
         deadline = time.monotonic() + 120
-        while len(
-            family := psutil.Process(command.pid).children(recursive=True)
-        ) < least or not any(map(is_kernel, family)):
+        while (
+            len(family := psutil.Process(command.pid).children(recursive=True)) < least
+            or not len([*tmp_path.glob("*.begun")]) == sum(map(is_kernel, family)) > 0
+        ):
             assert time.monotonic() < deadline and command.poll() is None, command.stderr.read()
             time.sleep(0.2)
-        time.sleep(4)  # until its cell has begun
+        time.sleep(1)  # at what it has begun
         return command, psutil.Process(command.pid).children(recursive=True) or family
 
     yield begin
@@ -126,12 +129,12 @@ def test_a_kernel_that_is_killed_is_named_in_one_sentence(begun, tmp_path):
     assert not psutil.wait_procs(family, timeout=10)[1], "workers outlive their kernel"
 
 
-def test_work_whose_kernel_was_killed_is_the_same_when_it_is_done_again(begun, tmp_path):
+def test_work_whose_kernel_was_killed_is_the_same_when_it_is_done_again(
+    begun, undisturbed_work, tmp_path
+):
     command, family = begun("at work")
     next(filter(is_kernel, family)).kill()
     assert command.wait(60) == 1 and not psutil.wait_procs(family, timeout=10)[1]
     again = subprocess.run([sys.executable, "command.py", "at work"], cwd=tmp_path)
     assert again.returncode == 0
-    whole = tmp_path / "whole"
-    assert finish(start(whole))[0] == 0
-    assert contents(tmp_path / "done") == contents(whole)
+    assert contents(tmp_path / "done") == contents(undisturbed_work[0])
