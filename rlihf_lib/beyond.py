@@ -96,7 +96,7 @@ class Beyond:
         case = pd.Categorical(means["run"].map(named), list(dict.fromkeys(named.values())))
         return means.assign(case=case).sort_values(["case", "seed"], ignore_index=True)
 
-    def _runs(self, table, subject="", w_hf=Profile.w_hf, **changes):
+    def _runs(self, table, subject="", w_hf=Profile.w_hf, against="", **changes):
         subject = subject or self.person
         digest = p_error_sha256(table, subject)
         named = {"eeg": self.study.eeg_name, "subject": subject, "p_error_sha256": digest}
@@ -164,16 +164,17 @@ def _ladder(beyond):
     return {
         "ideal": {"subject": IDEAL}, "constant": {"subject": constant},
         "shuffled": {"subject": shuffled}, **synthetic,
-        f"d' = {WEAK:g}, matched": _matched(beyond, _synthetic_name(WEAK)),
+        f"d' = {WEAK:g}, matched": _matched(beyond, _synthetic_name(WEAK), f"d' = {WEAK:g}"),
     }  # fmt: skip
 
 
-def _matched(beyond, subject):
+def _matched(beyond, subject, against):
     """Of p(error) that differs little between right and wrong: the weight that makes up for it."""
     told, spoilt = (
         contrast(rows_of(beyond.p_error, one)) for one in (_synthetic_name(BIASED), subject)
     )
-    return {"subject": subject, "w_hf": float(f"{Profile.w_hf * told / spoilt:.3g}")}
+    weight = float(f"{Profile.w_hf * told / spoilt:.3g}")
+    return {"subject": subject, "w_hf": weight, "against": against}
 
 
 def _bias(beyond):
@@ -181,7 +182,7 @@ def _bias(beyond):
     calibrated = _synthetic_name(BIASED)
     cases: dict[str, dict] = {"calibrated": {"subject": calibrated}}
     cases |= {name: {"subject": f"{calibrated}_{name}"} for name in BIASES}
-    cases["timid, matched"] = _matched(beyond, f"{calibrated}_timid")
+    cases["timid, matched"] = _matched(beyond, f"{calibrated}_timid", "timid")
     for watcher in (forms.blind, forms.jumpy):
         cases[watcher.__name__] = {"subject": calibrated, "observer": watcher}
     return cases
@@ -198,36 +199,39 @@ def _lateness(beyond):
 
 
 def _remedies(beyond):
-    at_once = {"at once": {"subject": IDEAL}}
-    late = {
-        credit: {"subject": IDEAL, "timing": Timing(**SLOWEST, credit=credit)}
-        for credit in ("arrival", "held", "event", "window", "kernel")
-    }
-    event, jitter = late["event"], Timing(**SLOWEST, jitter=4, credit="kernel")
+    credits = ("arrival", "held", "event", "window", "kernel")
+    slow = {credit: {"timing": Timing(**SLOWEST, credit=credit)} for credit in credits}
+    ideal, event, me = {"subject": IDEAL}, slow["event"], beyond.person
+    jitter = {"timing": Timing(**SLOWEST, jitter=4, credit="kernel")}
+    mended = {name: slow[name] | {"against": "arrival"} for name in credits[1:]}
+    mended["kernel, jitter"] = jitter | {"against": "arrival"}
     budget = seeds_and_sizes(beyond.study.profile)[1]["total_steps"] // SLOWEST["interval"]
-    model = Asking(budget, model=True)  # which is fitted every 10 s: no delay counts
-    return at_once | late | {
-        "kernel, jitter": {"subject": IDEAL, "timing": jitter},
-        "event, weight 0.07": event | {"w_hf": Profile.w_hf / SLOWEST["interval"]},
-        "event, model": {"subject": IDEAL, "asking": model},
-        f"at once, {beyond.person}": {},
-        f"event, {beyond.person}": {"timing": event["timing"]},
-        f"event, model, {beyond.person}": {"asking": model},
+    model = {"asking": Asking(budget, model=True)}  # is fitted every 10 s: no delay counts
+    weighed = event | {"w_hf": Profile.w_hf / SLOWEST["interval"]}
+    return {
+        "at once": ideal, "arrival": ideal | slow["arrival"],
+        **{name: ideal | case for name, case in mended.items()},
+        "event, weight 0.07": ideal | weighed | {"against": "event"},
+        "event, model": ideal | model | {"against": "event"},
+        f"at once, {me}": {},
+        f"event, {me}": event | {"against": f"at once, {me}"},
+        f"event, model, {me}": model | {"against": f"event, {me}"},
     }  # fmt: skip
 
 
 def _labels(beyond):
     """How many answers it takes, and what a model of them adds."""
-    cases = {
-        "every step": Asking(), "every step, model": Asking(model=True),
-        "each epoch once, model": Asking(once=True, model=True),
-        "each epoch once, unsure": Asking(once=True, model=True, when="unsure"),
+    cases: dict[str, dict] = {
+        "every step": {"asking": Asking()}, "every step, model": {"asking": Asking(model=True)}
     }  # fmt: skip
-    for budget in BUDGETS:
-        cases[f"{budget:,}, model"] = Asking(budget, model=True)
-        cases[f"{budget:,}, unsure"] = Asking(budget, model=True, when="unsure")
-    cases[f"{BUDGETS[-1]:,}"] = Asking(BUDGETS[-1])
-    return {name: {"asking": asking} for name, asking in cases.items()}
+    budgets = {"each epoch once": {"once": True}} | {f"{n:,}": {"budget": n} for n in BUDGETS}
+    for words, budget in budgets.items():
+        model, unsure = (Asking(**budget, model=True, when=when) for when in ("spread", "unsure"))
+        cases[f"{words}, model"] = {"asking": model}
+        cases[f"{words}, unsure"] = {"asking": unsure, "against": f"{words}, model"}
+    most = f"{BUDGETS[-1]:,}"
+    cases[f"{most}, model"]["against"] = most
+    return cases | {most: {"asking": Asking(BUDGETS[-1])}}
 
 
 def _forms(beyond):
@@ -259,14 +263,16 @@ def _weights(beyond):
         f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)
     }
     changing: dict[str, dict[str, Any]] = {
-        "fading": {"schedule": "fading"}, "growing": {"schedule": "growing"},
-        "0.5 - p": {"feedback": forms.half}, "0.5 - p, by doubt": {"feedback": forms.doubting},
-    }  # fmt: skip
+        **{name: {"schedule": name, "against": "always 0.4"} for name in ("fading", "growing")},
+        "0.5 - p": {"feedback": forms.half},
+        "0.5 - p, by doubt": {"feedback": forms.doubting, "against": "0.5 - p"},
+    }
     who = weaker(beyond)
     spread, usual = (rows_of(beyond.p_error, one)["p_error"].std() for one in (who, beyond.person))
     weight = float(f"{Profile.w_hf * spread / usual:.3g}")
-    fixed |= {f"always {Profile.w_hf:g}, {who}": {"subject": who}}
-    return fixed | changing | {f"by spread, {who}": {"subject": who, "w_hf": weight}}
+    theirs = f"always {Profile.w_hf:g}, {who}"
+    by_spread = {"subject": who, "w_hf": weight, "against": theirs}
+    return fixed | {theirs: {"subject": who}} | changing | {f"by spread, {who}": by_spread}
 
 
 def weaker(beyond) -> str:
@@ -287,8 +293,11 @@ def _tiring(beyond):
     """A session in which the person tires, and a decoder that is, or isn't, kept up to date."""
     if beyond.study.eeg != "simulated":
         raise ValueError(f"nobody tires in {beyond.study.eeg_label}: only simulated people do")
-    states = ("rested", "tired", "updated")
-    return {state: {"subject": f"{beyond.person}_{state}", "session": PARTS} for state in states}
+    states: dict[str, dict] = {"rested": {}, "tired": {}, "updated": {"against": "tired"}}
+    return {
+        state: {"subject": f"{beyond.person}_{state}", "session": PARTS, **told}
+        for state, told in states.items()
+    }
 
 
 #: By name, what the cases of each vary.
@@ -306,25 +315,5 @@ N_CASES = {
 
 def against(beyond: Beyond, experiment: str) -> dict[str, str]:
     """What cases of an experiment are compared with, where that isn't the first one."""
-    me, who = beyond.person, weaker(beyond)
-    main = f"always {Profile.w_hf:g}"
-    told = {
-        "ladder": {f"d' = {WEAK:g}, matched": f"d' = {WEAK:g}"},
-        "bias": {"timid, matched": "timid"},
-        "remedies": {
-            **dict.fromkeys(["held", "event", "window", "kernel", "kernel, jitter"], "arrival"),
-            "event, weight 0.07": "event", "event, model": "event",
-            f"event, {me}": f"at once, {me}", f"event, model, {me}": f"event, {me}",
-        },
-        "labels": {
-            "each epoch once, unsure": "each epoch once, model",
-            **{f"{n:,}, unsure": f"{n:,}, model" for n in BUDGETS},
-            f"{BUDGETS[-1]:,}, model": f"{BUDGETS[-1]:,}",
-        },
-        "weights": {
-            **dict.fromkeys(["fading", "growing"], "always 0.4"),
-            "0.5 - p, by doubt": "0.5 - p", f"by spread, {who}": f"{main}, {who}",
-        },
-        "tiring": {"updated": "tired"},
-    }  # fmt: skip
-    return told.get(experiment, {})
+    cases = EXPERIMENTS[experiment](beyond).items()
+    return {name: case["against"] for name, case in cases if "against" in case}

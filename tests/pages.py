@@ -41,11 +41,13 @@ CAPTIONS = {
     "decoder_channels": "AUROC with EEG, EEG and EOG, and EOG alone",
     "decoder_patterns": "What one network's filters follow: spectra and patterns after Haufe",
     "online_update": "Adapting to the held-out person online: AUROC and accuracy by events seen",
-    "training_sparse": "How sparse reward learns, run by run",
-    "training_dense": "How dense reward learns, run by run",
-    "training_rlihf": "How RLIHF learns, run by run",
-    "learner_sparse": "Inside one learner, sparse reward: losses, entropy coefficient, Q-values",
-    "learner_dense": "Inside one learner, dense reward: losses, entropy coefficient, Q-values",
+    "training_sparse": "How sparse reward learns: training return by run, evaluation",
+    "training_dense": "How dense reward learns: training return by run, evaluation",
+    "training_rlihf": "How RLIHF learns: training return by run, evaluation",
+    "learner_sparse": "Inside one learner, sparse reward: critics' loss, entropy coefficient, "
+    "Q-values",
+    "learner_dense": "Inside one learner, dense reward: critics' loss, entropy coefficient, "
+    "Q-values",
     "learner_rlihf": "Inside one learner, RLIHF: the same, and the share of steps judged wrong",
     "film_sparse": "Film of a policy trained with sparse reward, what an observer thinks of each "
     "step, and what a decoder would have said",
@@ -53,15 +55,18 @@ CAPTIONS = {
     "film_rlihf": "Film of a policy trained with human feedback, with the same strips",
     "film_compared": "Sparse, dense and RLIHF side by side in the same placement",
     "success_efficiency_deviation": "Success, path efficiency and path deviation during training",
-    "comparison": "Performance profiles of late success, and probability of improvement",
-    "supplementary": "The same for tuned sparse reward and for the three controls of feedback",
-    "safety": "Collisions and clearance, late",
+    "comparison": "Performance profiles of late success, and probability that a run of RLIHF is "
+    "better (ties count half)",
+    "supplementary": "Late success of tuned sparse reward and of three controls of feedback, those "
+    "with the median person's answers beside that person's own",
+    "safety": "Collisions in late rollouts, and clearance of those that place the can",
     "paths": "Paths of trained policies round the obstacles, from above and from the side",
-    "decoder_vs_policy": "What decides: late success and return, and early success, against the "
-    "AUROC of the decoder",
+    "decoder_vs_policy": "What decides: what policies reach against the AUROC of the decoder; "
+    "controls have it by construction",
     "equivalence": "As good as dense reward? Late success of each person and of all, less dense "
     "reward's, and the margins of equivalence",
-    "people": "Simulated people, recorded ones, yes/no decoders: what they teach, against AUROC",
+    "people": "What people teach against AUROC: simulated EEG, recorded EEG that is replayed, "
+    "yes/no decoders (whose AUROC is balanced accuracy); a rule judges the steps",
 }
 
 
@@ -72,7 +77,11 @@ def results(study: Study) -> str:
     scores = study.scores()
     weights = _table(study, "whf_phases").query("group == 'rlihf' and metric == 'success'")
     weights = weights.pivot(index="w_hf", columns="phase", values="mean")
-    success, clearance = late["success"], 100 * late["clearance"]
+    success, clearance, each = late["success"], 100 * late["clearance"], 100 * people["clearance"]
+    compared = _table(study, "whf_comparison").query("metric == 'success' and p_holm < 0.05")
+    larger = ", ".join(
+        compared["comparison"].str.removeprefix("RLIHF ").str.replace(" - ", " over ")
+    )
     n_people, n_seeds = len(people), len(study.profile.seeds)
     n_baseline = len(study.profile.seeds_of("dense"))
     by_weight = ", ".join(f"{p.Mid:.2f} / {p.Late:.2f} with {w:g}" for w, p in weights.iterrows())
@@ -84,9 +93,10 @@ def results(study: Study) -> str:
         (
             "Fig. 1",
             "keeps the distance people prefer",
-            f"{clearance['rlihf']:.1f} cm from obstacles (dense: {clearance['dense']:.1f})",
+            f"{clearance['rlihf']:.1f} cm from obstacles, {each.min():.1f} to {each.max():.1f} by "
+            f"person (dense: {clearance['dense']:.1f})",
             f"{figures}/fig1_paths.png",
-            "05",
+            "04",
         ),
         (
             "Fig. 3",
@@ -122,7 +132,7 @@ def results(study: Study) -> str:
         (
             "Fig. 6",
             "weight 0.7 learns fastest",
-            f"mid / late success {by_weight} ({seeds_of_weights})",
+            f"mid / late success {by_weight} ({seeds_of_weights}); shown: {larger or 'nothing'}",
             f"{figures}/fig6_whf.png",
             "05",
         ),
@@ -223,9 +233,10 @@ def smaller(study: Study) -> str:
 def _late_by_person(name):
     """Means over the last third of training, of runs that are no longer shipped."""
     table = pd.read_csv(REPOSITORY / "results" / name / "tables/late_by_person.csv")
+    table["clearance (cm)"] = table["clearance (cm)"].where(table["success"] > 0)  # of what moves
     rows = [
-        (row[0], "" if pd.isna(row[1]) else row[1], row[2], *(f"{x:z.2f}" for x in row[3:]))
-        for row in table.itertuples(index=False)
+        (*row[:3], *("" if x == "" else f"{x:z.2f}" for x in row[3:]))
+        for row in table.astype(object).where(table.notna(), "").itertuples(index=False)
     ]
     return _markdown(table.columns, rows)
 

@@ -14,6 +14,8 @@ from rlihf_lib.beyond import EXPERIMENTS, Beyond
 from rlihf_lib.files import canonical_json
 from rlihf_lib.profiles import PROFILES
 from rlihf_lib.regenerate import NOTEBOOKS
+from rlihf_lib.report.evaluations import load_runs
+from rlihf_lib.report.people import taught
 from rlihf_lib.rl.runs import ACTOR, is_done, write_run
 from rlihf_lib.study import Study
 
@@ -63,7 +65,9 @@ def test_every_experiment_has_a_section_a_table_and_a_figure(made_by_hand, capsy
     cell = {"profile": "paper", "eeg": "simulated", "out": str(study.out), "ship": True}
     cell |= {"workers": 1, "recompute": False, "display": lambda *_: None}
     reached = pd.DataFrame({"success": [1.0, 0.0], "completed": [1.0, 0.1]}, ["dense", "sparse"])
-    cell |= {"people": {}, "references": reached}  # of 6.1
+    shipped = load_runs(Study(), ["rlihf"]).query("step <= 60_000")
+    people = {"simulated EEG": taught(shipped, study.scores(), 60_000)}
+    cell |= {"people": people, "references": reached, "own_runs": shipped}  # of 6.1
     with plt.rc_context():
         for source in sources:
             if (

@@ -56,6 +56,7 @@ WRONG = {
             "def your_reward(m): return max(0, m.best - m.remaining)": "No cheat pays",
             "def your_reward(m): return float(m.success)": "No cheat pays",
             "def your_reward(m): return 1.0 - m.success": "can not placed, is paid better",
+            "def your_reward(m): return 1.0": "nothing is asked for",
             "def your_reward(m): return -1.0 * m.grasped": "expert should collect something",
         },
     },
@@ -93,6 +94,12 @@ WRONG = {
             "def your_auroc(h, m, c, f): return h / (h + m)": "hit rate",
             "def your_auroc(h, m, c, f): return h / (h + m) * c / (c + f)": "Ties count one half",
             "def your_auroc(h, m, c, f): return 0.5": "Over all pairs",
+        },
+        2: {
+            "def your_equal(h, *_): return dict(zip(counts[:, 0], d))[h]": "That is d'",
+            "def your_equal(h, *_): return norm.cdf(dict(zip(counts[:, 0], d))[h])": "root of 2",
+            "def your_equal(h, m, c, f): return (h / (h + m) + c / (c + f)) / 2": "of ranks",
+            "def your_equal(*_): return 0.5": "root of the mean of both variances",
         },
     },
 }
@@ -165,9 +172,8 @@ def reader(request, tmp_path_factory):
 
 
 def test_untouched_exercises_are_no_mistake(reader):
-    numbers = exercises(reader.nb)
-    assert numbers == ([1] if reader.name.startswith("06") else [1, 2])
-    for number in numbers:
+    assert exercises(reader.nb) == [1, 2]
+    for number in (1, 2):
         said = printed(reader.nb.cells[tagged(reader.nb, f"check-{number}")])
         assert said == f"Exercise {number}: nothing to check yet\n"
 

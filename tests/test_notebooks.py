@@ -14,9 +14,11 @@ import nbformat
 import pandas as pd
 import pytest
 
+from rlihf_lib.beyond import Beyond
+from rlihf_lib.files import SUMS, canonical_json
 from rlihf_lib.regenerate import NOTEBOOKS, READ_EPOCHS, STEPS
 from rlihf_lib.report.saving import stale
-from rlihf_lib.rl.runs import is_done
+from rlihf_lib.rl.runs import is_done, write_run
 from rlihf_lib.study import REPOSITORY, STAGES, Study
 from rlihf_lib.vary import vary
 from tests.eeg.conftest import planted_epochs
@@ -38,6 +40,16 @@ VARIED = {
     "05_whf_ablation": ["subject", "weights", "seeds", "total_steps", "observer", "sac"],
     "06_beyond_the_paper": [],
 }
+
+# Nobody's feedback trains by sparse and dense reward: their notebooks need not be seen twice.
+WITHOUT_BASELINES = """
+import sys
+from rlihf_lib import regenerate
+from rlihf_lib.__main__ import main
+steps = regenerate.STEPS
+regenerate.STEPS = [s for s in steps if s.parameters.get("condition", "rlihf") == "rlihf"]
+sys.exit(main())
+"""
 
 
 def read(name):
@@ -150,8 +162,8 @@ def smoke(tmp_path_factory):
 def held(folder):
     """Files of the repository that a study could overwrite, and when each was changed."""
     places = (folder / name for name in ("rlihf_lib", "notebooks", "results", "figures"))
-    files = (path for place in places for path in place.rglob("*") if path.suffix != ".pyc")
-    return {path: path.stat().st_mtime_ns for path in files if path.is_file()}
+    files = (path for place in places for path in place.rglob("*") if path.is_file())
+    return {path: path.stat().st_mtime_ns for path in files if "__pycache__" not in path.parts}
 
 
 def test_nothing_is_written_outside_out_the_cache_and_temporary_files(smoke):
@@ -178,20 +190,32 @@ def test_another_decoders_table_trains_and_is_drawn_under_its_name(smoke, tmp_pa
     study, _ = smoke
     shutil.copy(study.decoder / "p_error.csv", tmp_path / "lab.csv")
     other = Study("smoke", tmp_path / "lab.csv", tmp_path)
-    for stage in ("sparse", "tuned", "dense", "controls"):  # not again what no person answers
-        for config in study.run_configs(stage):
-            if config.subject in ("", "ideal"):
-                shutil.copytree(study.runs / config.run_id, other.runs / config.run_id)
-    command = [sys.executable, "-m", "rlihf_lib", "--profile", "smoke", "--out", str(tmp_path)]
-    command += ["--p-error", str(tmp_path / "lab.csv")]
+    (trained,) = other.run_configs("rlihf")
+    for config in {config for stage in STAGES for config in other.run_configs(stage)} - {trained}:
+        as_if_trained(config, study.runs, other.runs)
+    for config in Beyond(other).run_configs("observers"):
+        as_if_trained(config, Beyond(study).runs, Beyond(other).runs)
+    command = [sys.executable, "-c", WITHOUT_BASELINES, "--profile", "smoke"]
+    command += ["--out", str(tmp_path), "--p-error", str(tmp_path / "lab.csv")]
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-4000:]
     assert "02_loso" not in result.stdout and "05_whf_ablation: finished" in result.stdout
+    first, again = (one.runs / trained.run_id / "eval.csv" for one in (study, other))
+    assert again.read_bytes() == first.read_bytes(), "the same p(error), whoever has decoded it"
     tables = {path: path.read_text() for path in other.tables.glob("*.md")}
     assert len(tables) > 10
     for path, table in tables.items():
         assert table.startswith("p(error) of lab · profile smoke"), path
     assert stale(other) == []
+
+
+def as_if_trained(config, source, runs_dir):
+    """Write a run that differs from one of another folder in the name of its EEG only."""
+    kept = (path for path in (source / config.run_id).iterdir() if path.name != SUMS)
+    files = {path.name: path.read_bytes() for path in kept}
+    files["config.json"] = canonical_json({**config.to_dict(), "hash": config.hash}).encode()
+    write_run(config, runs_dir, files)
+    assert is_done(config, runs_dir)
 
 
 def test_the_smoke_run_leaves_plain_tables(smoke):

@@ -15,6 +15,24 @@ def difference_wave(epochs) -> mne.EvokedArray:
     )
 
 
+def excerpt(raw, events, channel, epoch, before=3.5, seconds=5.0) -> tuple[pd.Series, list]:
+    """A piece of a continuous recording around a feedback, and the feedbacks in it.
+
+    The recording and its events are as `preprocessing.load_continuous` gives them, `epoch` is the
+    number of a feedback, which `before` s precede. The signal, µV around its median, is by time, s
+    from the start of the piece; of each feedback come its time and its label, 1 for an error.
+    """
+    rate = raw.info["sfreq"]
+    (sample,) = events.loc[events["epoch"] == epoch, "sample"]
+    start = max(0, int(sample - before * rate))
+    values = 1e6 * raw.get_data(channel, start, min(raw.n_times, start + int(seconds * rate)))[0]
+    inside = events[
+        events["sample"].between(start, start + len(values) - 1) & (events["label"] >= 0)
+    ]
+    feedbacks = list(zip((inside["sample"] - start) / rate, inside["label"], strict=True))
+    return pd.Series(values - np.median(values), np.arange(len(values)) / rate), feedbacks
+
+
 def class_waves(epochs, channels, stop=0.8) -> pd.Series:
     """Mean waves of both classes until `stop` s, µV, by event, channel and time."""
     waves = {}

@@ -5,6 +5,8 @@ components, NeuroImage 56, 814-825. It shares nothing with the networks: by it t
 recordings were calibrated, and beside it networks show what they are worth.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 from scipy.linalg import solve
@@ -22,9 +24,11 @@ from rlihf_lib.eeg.signals import (
     inverse_root,
 )
 from rlihf_lib.eeg.splits import leave_one_subject_out
+from rlihf_lib.files import write_csv
 
 N_FOLDS = 10  # within a subject
 ENDS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of windows, s after the feedback
+FILTERS = ("forward and backward", "causal")  # of `windows_csv`
 
 
 def scaling(signals) -> np.ndarray:
@@ -78,6 +82,28 @@ def across_subjects(cohort, settings=DEFAULTS, spatial=whitening, ends=()) -> pd
             scores = _score(fold.test, test[:, : len(weights)] @ weights + bias, labels)
             rows.append({"subject": fold.test, "window": end, **scores})
     return pd.DataFrame(rows)
+
+
+def windows_csv(cohort, settings, causal, found, own, recompute=False) -> Path:
+    """Path of a table of `across_subjects` at `ENDS`, by the filter: a kept one, or one made anew.
+
+    Filters are "forward and backward", of the cohort, and "causal", of the same people's recordings
+    filtered so (`loso.recorded_cohort`), None where there are no recordings. To filter anew takes
+    a minute, so the table `found` is kept if, by its AUROC to 0.001, it is of this cohort; else the
+    table is written to `own`.
+    """
+    now, kept = across_subjects(cohort, settings, ends=ENDS), Path(found)
+    if kept.is_file() and not recompute:
+        table = pd.read_csv(kept, dtype={"subject": str})
+        then = table[table["filter"] == FILTERS[0]]
+        same = then["subject"].tolist() == now["subject"].tolist()
+        if same and np.allclose(then["auroc"], now["auroc"], atol=0.001):
+            return kept
+    tables = {FILTERS[0]: now}
+    if causal is not None:
+        tables[FILTERS[1]] = across_subjects(causal, settings, ends=ENDS)
+    write_csv(own, pd.concat(tables, names=["filter"]).reset_index("filter"))
+    return Path(own)
 
 
 def _linear(classes, n, n_channels):

@@ -19,6 +19,7 @@ from rlihf_lib.files import atomic_path, cache_dir, canonical_json, sha256
 
 _VERSION = 1  # raise when the model changes in anything but its parameters
 _HEADER = 116  # bytes of text at the start of a MATLAB file
+MS = 1e3  # from s
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,33 @@ _PEOPLE = {
     "s11": (0.83, 0.020, 1.30),
     "s12": (0.93, -0.025, 1.80),
     "s13": (1.00, -0.010, 0.50),
+}
+#: Of each parameter of `Model`: what it is, its symbol in notebook 01, its unit.
+_TOLD = {
+    "feedback": ("response to any feedback", "λ ± σ, m", "ms, nAm"),
+    "error": ("what errors add to it", "λ ± σ, m", "ms, nAm"),
+    "jitter": ("scatter of the error response's latency from trial to trial", "SD of τ", "s"),
+    "trial_spread": ("scatter of its amplitude from trial to trial", "β", "SD of the logarithm"),
+    "lapse": ("errors that evoke nothing", "1 - mean of e", "share"),
+    "frequent": ("amplitude where half of the trials are errors", "h", "relative"),
+    "subject_latency": ("scatter of a latency between people", "SD of λ", "s, times oddness"),
+    "subject_spread": ("of a moment", "SD of log m", "times oddness"),
+    "subject_position": ("of a dipole's place", "in g", "head radii, times oddness"),
+    "subject_direction": ("of its direction", "in g", "unit vector, times oddness"),
+    "background": ("background EEG", "b", "µV RMS"),
+    "exponent": ("how fast its power falls with frequency", "γ", ""),
+    "background_spread": ("scatter of its sources between people", "in b", "SD of the logarithm"),
+    "alpha": ("alpha rhythm at the back of the head", "α", "µV RMS"),
+    "noise": ("amplifier and electrode", "n", "µV RMS"),
+    "blinks": ("blinks", "in o", "per second"),
+    "human_error": ("trials in which the person pressed the wrong key", "", "share"),
+    "resolution": ("step of the amplifier", "", "µV"),
+    "people": (
+        "each person's amplitude / latency shift / oddness: how far components lie from typical",
+        "A_s / in λ / times the scatter above",
+        "relative / ms / relative",
+    ),
+    "seed": ("of all random numbers", "", ""),
 }
 _WITHIN_ACROSS = "calibrated: accuracy within (.91) against across subjects"
 
@@ -131,16 +159,21 @@ class Trial(NamedTuple):
 
 
 def parameter_table(model=MODEL) -> pd.DataFrame:
-    """Parameters of a model (rows), their value and its origin (columns)."""
+    """Parameters of a model (rows): meaning, symbol, value, unit, origin of the value (columns)."""
     rows = {}
     for name, hint in get_type_hints(Model, include_extras=True).items():
         value = getattr(model, name)
         if name in ("feedback", "error"):
-            value = ", ".join(f"{c.name} {1000 * c.latency:.0f} ms {c.moment} nAm" for c in value)
+            parts = [
+                (c.name, f"{MS * c.latency:.0f} ± {MS * c.width:.0f}", c.moment) for c in value
+            ]
+            value = "; ".join(f"{component} {when}, {size:g}" for component, when, size in parts)
         elif name == "people":
-            value = ", ".join(f"{k} {g}/{1000 * s:+.0f} ms/{o}" for k, (g, s, o) in value.items())
-        rows[name] = (value, *hint.__metadata__)
-    return pd.DataFrame.from_dict(rows, orient="index", columns=["value", "origin"])
+            value = "; ".join(f"{k} {g} / {MS * s:+.0f} / {o}" for k, (g, s, o) in value.items())
+        meaning, symbol, unit = _TOLD[name]
+        rows[name] = (meaning, symbol, value, unit, *hint.__metadata__)
+    columns = ["meaning", "symbol", "value", "unit", "origin"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
 
 def recording(subject, model=MODEL) -> Path:

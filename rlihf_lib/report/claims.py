@@ -22,7 +22,8 @@ CLAIMS = (
      "path_efficiency", -1),
     ("Late: it is nearer to the ideal path than sparse reward", "Late", "sparse",
      "path_deviation", -1),
-    ("Late: it keeps more clearance than dense reward (m)", "Late", "dense", "clearance", 1),
+    ("It keeps safer clearances (Fig. 1; late, here beside dense reward, m)", "Late", "dense",
+     "clearance", 1),
 )  # fmt: skip
 
 
@@ -75,9 +76,9 @@ def _seen(runs, people):
     above = people["return"] > late.loc["dense", "return"]
     low, high = people["success"].min(), people["success"].max()
     equal, behind = (people[f"{p}_holm"] < ALPHA for p in ("p_equivalent", "p"))
-    differing = f"{behind.sum()} shown to differ"
+    differing = f"{behind.sum()} to differ"
     if people["smallest_p_holm"].min() >= ALPHA:
-        differing = "to differ nobody can be shown with so few seeds"
+        differing = "with so few seeds nobody can be shown to differ"
     right = people["accuracy_online"]
     yield {
         "claim": "Decoders are right in 70 to 90 %",
@@ -94,7 +95,7 @@ def _seen(runs, people):
     yield {
         "claim": "Weaker decoders support learning, too",
         "came_out": f"late success by person {low:.2f} to {high:.2f}; "
-        f"{(equal & ~behind).sum()} shown equal to dense reward, {differing}",
+        f"{(equal & ~behind).sum()} people shown to equal dense reward, {differing}",
     }
 
 

@@ -111,5 +111,8 @@ def described(runs: pd.DataFrame) -> str:
     """Caption of figures: how many runs of what there are, and how their scatter is drawn."""
     sizes = {group: size(chosen) for group, chosen in runs.groupby("group", sort=False)}
     words = ", ".join(f"{label(group)} {sizes[group]}" for group in ordered(sizes))
-    least = f"{MIN_UNITS} people or seeds at least; below, thin lines and dots are runs"
-    return f"{words}; bands and bars: 95 % bootstrap intervals ({least})"
+    weights = runs.loc[runs["condition"] == "rlihf", "w_hf"].unique()
+    if len(weights) == 1:
+        words += f"; w_hf = {weights.item():g}"
+    few = f"of {MIN_UNITS} or more; else runs are shown"
+    return f"{words}; bands, bars: 95 % bootstrap intervals over people or seeds ({few})"

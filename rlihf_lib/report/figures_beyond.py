@@ -8,31 +8,42 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from rlihf_lib.report import style
-from rlihf_lib.report.evaluations import RANGES
+from rlihf_lib.report.evaluations import RANGES, derive, phase_scores
 from rlihf_lib.report.figures_late import CONTROL_STEP, RUNS
-from rlihf_lib.report.figures_policy import AXIS_LABELS, SHARE
+from rlihf_lib.report.figures_policy import AXIS_LABELS
 from rlihf_lib.report.people import TAUGHT
 from rlihf_lib.report.statistics import PROBABILITY
+from rlihf_lib.report.style import SHARE
 
 MARKERS = "osD^vP"  # of studies, in their order
 
 
-def people_figure(people: Mapping[str, pd.DataFrame], references: pd.DataFrame) -> Figure:
+def people_figure(
+    people: Mapping[str, pd.DataFrame], references: pd.DataFrame, runs: pd.DataFrame
+) -> Figure:
     """What people have taught against the AUROC of their decoders: a point each, a marker a study.
 
     Tables as `people.taught` makes them, by what to call the study. `references`: the same means
-    of groups without a person, which index it.
+    of groups without a person, which index it. `runs` are the first study's, of the steps that the
+    tables are about: each is a dot, and a thin line joins a person's.
     """
-    fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 2.9), sharey=True)
-    shade = style.color("rlihf")
+    fig, axes = plt.subplots(1, 2, figsize=(style.PAGE_WIDTH, 3.0), sharey=True)
+    shade, end = style.color("rlihf"), runs["step"].max() / 1000
+    when = f",\n{2 * end / 3:.0f} to {end:.0f} thousand steps"
+    own = phase_scores(derive(runs)).query("group == 'rlihf'")
+    own = own.merge(next(iter(people.values()))[["subject", "auroc"]], on="subject")
     for ax, metric in zip(axes, TAUGHT, strict=True):
         for group, reached in references[metric].items():
             ax.axhline(reached, **style.line_style(group), label=style.label(group))
+        ends = own.groupby("auroc")[metric].agg(["min", "max"])
+        ax.vlines(ends.index, ends["min"], ends["max"], color=shade, lw=0.6, alpha=0.6)
+        ax.plot(own["auroc"], own[metric], color=shade, **RUNS)
         for number, (name, table) in enumerate(people.items()):
             (points,) = ax.plot(table["auroc"], table[metric], MARKERS[number], color=shade, ms=5)
-            points.set(label=f"{name} (n = {len(table)})", mfc=shade if number == 0 else "none")
-        ax.set(xlabel="AUROC of the held-out person", ylabel=AXIS_LABELS[metric], ylim=SHARE)
-    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+            points.set(label=f"{style.STUDIES.get(name, name)} (n = {len(table)})")
+            points.set_markerfacecolor(shade if number == 0 else "none")
+        ax.set(xlabel="AUROC of the held-out person", ylabel=AXIS_LABELS[metric] + when, ylim=SHARE)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig
 
 

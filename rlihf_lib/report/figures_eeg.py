@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from rlihf_lib.report.statistics import mean_interval
-from rlihf_lib.report.style import BEHIND, COLORS, PAGE_WIDTH
+from rlihf_lib.report.style import BEHIND, COLORS, COLUMN_WIDTH, PAGE_WIDTH
 
 # Light to dark greys of what was dropped, hatched for print.
 DROPPED = ("#999999", "#CCCCCC", "#666666", "#E5E5E5")
@@ -73,10 +73,11 @@ def _mean_wave(ax, values, color, **line):
 
 def spectra_figure(spectra: pd.DataFrame, band: tuple[float, float]) -> Figure:
     """Power densities, a column of µV²/Hz per signal, against the index, Hz; `band` is shaded."""
-    fig, ax = plt.subplots(figsize=(PAGE_WIDTH / 2, 2.2))
-    ax.axvspan(*band, color="#F0F0F0", zorder=0)
+    fig, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2.3))
+    low, high = band
+    ax.axvspan(*band, color="#E8E8E8", lw=0, zorder=0, label=f"pass-band, {low:g} to {high:g} Hz")
     decibels = 10 * np.log10(spectra)
     decibels.plot(ax=ax, style=["-", "--"], color=["#BBBBBB", "black"])
     ax.set(xlabel="Frequency (Hz)", ylabel="Power density\n(dB re 1 µV²/Hz)")
-    ax.legend(loc="upper right")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 0.2))  # clear of both lines
     return fig

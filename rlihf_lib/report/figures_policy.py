@@ -16,6 +16,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from rlihf_lib.report import paper, style
 from rlihf_lib.report import statistics as st
 from rlihf_lib.report.evaluations import RANGES, unit_means
+from rlihf_lib.report.style import SHARE
 
 AXIS_LABELS = {
     "return": "Evaluation return",
@@ -24,17 +25,16 @@ AXIS_LABELS = {
     "path_deviation": "Path deviation (m)",
     "collisions": "Collisions per episode",
     "completed": "Share of the path completed",
-    "clearance": "Clearance (cm)",  # of cans that are placed
+    "clearance": "Clearance of placed cans (cm)",
     "critic_loss": "Critic loss",
     "ent_coef": r"Entropy coefficient $\alpha$",
     "mean_q": "Mean Q",
     "judged_wrong": "Share judged wrong",
-    "alpha": r"$\alpha$ / $w_{hf}$",
-    "error": "Error of the critics / $w_{hf}$",
+    "alpha": "Entropy coefficient / $w_{hf}$",
+    "error": r"$\sqrt{\mathrm{critic\ loss}}$ / $w_{hf}$",
 }
 LOGARITHMIC = ("critic_loss", "ent_coef", "alpha", "error")
 STEPS = "Steps (thousands)"
-SHARE = (-0.03, 1.03)  # limits of an axis of shares, with room for lines at 0 and 1
 
 
 def overview_figure(scene, waves, p_error, runs) -> Figure:
@@ -66,9 +66,8 @@ def overview_figure(scene, waves, p_error, runs) -> Figure:
     decoder.set(xlabel="p(error); reward r = 1 − p", ylabel="Density of epochs", xlim=(0, 1))
     decoder.legend(title="the robot was", loc="upper center", fontsize=7, title_fontsize=7)
     group_curves(runs, policy, paper.CONDITIONS, "success")
-    policy.set(xlabel=STEPS, ylabel=AXIS_LABELS["success"], ylim=(SHARE[0], 1.75))
-    policy.set_yticks([0, 0.5, 1])
-    policy.legend(fontsize=7, loc="upper left")
+    policy.set(xlabel=STEPS, ylabel=AXIS_LABELS["success"], ylim=SHARE)
+    policy.legend(fontsize=7, loc="lower right", bbox_to_anchor=(1.05, 0.04))
     titles = "A person watches  →", "the brain answers  →", "a decoder rewards  →"
     for ax, title in zip(axes, (*titles, "the robot learns  ↺"), strict=True):
         ax.set_title(title, fontweight="bold", loc="left")
@@ -107,7 +106,8 @@ def name_axes(ax: Axes, runs: pd.DataFrame, metric: str) -> None:
         ax.set_ylim(SHARE)
     if metric in LOGARITHMIC and np.isfinite(ax.dataLim.ymax):  # once something is learnt
         ax.set_yscale("log", subs=())
-        ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
+        if ax.dataLim.ymax < 100 * ax.dataLim.minposy:  # decades alone would be few ticks
+            ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
 
 
 def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
@@ -141,14 +141,18 @@ def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
 
 
 def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str, horizon) -> Figure:
-    """How one condition learns: its own reward while training, a line per run; then the evaluation.
+    """How one condition learns: its own reward while training, a run a line; the evaluation.
 
     `training` is from `evaluations.load_training`, as `runs` of this condition. The evaluation has
     the same axes for every condition: 1 is the most a step of the `horizon` can earn.
     """
     fig, axes = plt.subplots(1, 3, figsize=(style.PAGE_WIDTH, 2.0))
-    for _, run in training.dropna(subset="return").groupby("run"):
-        axes[0].plot(run["step"] / 1000, run["return"], color=style.color(condition), lw=0.5)
+    shade = style.color(condition)
+    earned = training.dropna(subset="return")
+    for _, run in earned.groupby("run"):
+        axes[0].plot(run["step"] / 1000, run["return"], color=shade, lw=0.5, alpha=0.3)
+    mean = earned.groupby("step")["return"].mean()
+    axes[0].plot(mean.index / 1000, mean, color=shade, lw=1.6)
     name_axes(axes[0], runs, "return")
     axes[0].set_ylabel(f"Training return,\nreward of {style.label(condition)}")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):

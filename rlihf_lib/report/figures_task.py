@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import mujoco
@@ -18,10 +19,12 @@ from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.rendering import project, render
 from rlihf_lib.task.workspace import OBSTACLES, TABLE_HEIGHT
 
-OBJECT_COLOURS = {
-    "goal": "#999999", "can": "#C8102E", "lemon": "#E6C700", "cereal": "#8C564B",
-    "bottle": "#5B9A68", "bread": "#D8A15D",
-}  # fmt: skip
+# Obstacles are grey and hatched: colours are of conditions, and of the can.
+OBJECT_COLOURS = {"goal": "#FFFFFF", "can": "#C8102E"} | dict.fromkeys(OBSTACLES, "#D0D0D0")
+HATCH: dict[str, Any] = {"hatch": "/////", "ec": "#8A8A8A"}
+# Of many paths, and of the few that lie over them.
+MANY: dict[str, Any] = {"lw": 0.7, "alpha": 0.7}
+FEW = {"lw": 1.5, "zorder": 3, "path_effects": [withStroke(linewidth=2.6, foreground="white")]}
 OUTLINED = [withStroke(linewidth=1.8, foreground="white")]  # of names on pictures
 # World axes drawn to the right and upwards; from above, x points away from the robot, downwards.
 FROM_ABOVE, FROM_FRONT = (1, 0), (1, 2)
@@ -127,7 +130,8 @@ def _side_view(env, ax):
 def _draw_scene(env, ax, view, alpha):
     for name, colour in OBJECT_COLOURS.items():
         for outline in silhouettes(env.workspace, name, view):
-            ax.add_patch(Polygon(outline, color=colour, alpha=alpha, lw=0, gid=name))
+            look = HATCH if name in OBSTACLES else {"ec": "#555555"}
+            ax.add_patch(Polygon(outline, fc=colour, alpha=alpha, lw=0.5, gid=name, **look))
     for part, dashes, label in ((env.path.reach, ":", "to"), (env.path.carry, "--", "with")):
         ax.plot(*part[:, view].T, "k" + dashes, lw=1, label=f"ideal path {label} the can")
     ax.set(xlabel="y (m)", aspect="equal", xlim=(-0.32, 0.32))
@@ -147,8 +151,9 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
     for condition, runs in recordings.items():
         look = line_style(condition)
         for run in runs:
-            _draw_path(run, top, FROM_ABOVE, lw=1, **look)
-            _draw_path(run, side, FROM_FRONT, lw=1, **look)
+            drawn = look | (MANY if condition == "rlihf" else FEW)
+            _draw_path(run, top, FROM_ABOVE, **drawn)
+            _draw_path(run, side, FROM_FRONT, **drawn)
         placed = f"{sum(run.success for run in runs)} of {len(runs)} runs place the can"
         top.plot([], [], label=f"{LABELS[condition]}: {placed}", **look)
     for metres, (_, grey) in zip(sorted(zones), reversed(ZONE_GREYS), strict=True):
@@ -156,7 +161,7 @@ def paths_figure(env: PickPlaceEnv, recordings: dict[str, list], zones: dict[flo
         top.plot([], [], color=grey, lw=0.9, ls=":", label=label)
     figure.legend(
         *top.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=7,
-        title="Hand of the policies at the end of training; star: can placed, cross: not",
+        title="Path of the hand at the end of training; star: can placed, cross: not",
         title_fontsize=7,
     )  # fmt: skip
     return figure
@@ -178,31 +183,37 @@ def paths_by_weight(env: PickPlaceEnv, recordings: dict, zones: tuple[float, ...
         _draw_scene(env, top, FROM_ABOVE, alpha=0.8)
         _draw_zones(env.workspace, top, sorted(zones, reverse=True))
         _draw_scene(env, side, FROM_FRONT, alpha=0.5)
-        look = {"color": tones.get(key, color(key if key in LABELS else "rlihf"))}
+        look = {"color": tones.get(key, color(key if key in LABELS else "rlihf")), "lw": 0.7}
         for run in runs:
-            _draw_path(run, top, FROM_ABOVE, lw=0.7, **look)
-            _draw_path(run, side, FROM_FRONT, lw=0.7, **look)
+            _draw_path(run, top, FROM_ABOVE, **look)
+            _draw_path(run, side, FROM_FRONT, **look)
         placed = f"{sum(run.success for run in runs)} of {len(runs)} placed"
-        top.set_title(f"{LABELS.get(key, f'RLIHF, {key}')}\n{placed}", fontsize=8)
+        title = f"$w_{{hf}}$ = {key:g}" if key in tones else str(key)
+        top.set_title(f"{LABELS.get(key, f'RLIHF, {title}')}\n{placed}", fontsize=8)
         side.axhline(TABLE_HEIGHT, color="k", lw=0.6)
-        top.set(xlabel="", ylim=(0.2, -0.36))
+        top.set(xlabel="", ylim=(0.2, -0.36), yticks=(-0.3, -0.1, 0.1))
+        side.set(xticks=(-0.2, 0, 0.2), yticks=(TABLE_HEIGHT, TABLE_HEIGHT + 0.2))
         side.set_ylim(TABLE_HEIGHT - 0.03, TABLE_HEIGHT + 0.4)
     tops[0].set_ylabel("x, away from\nthe robot (m)")
     sides[0].set_ylabel("height z (m)")
     marks = [Line2D([], [], color="k", ls="", marker=m, label=label)
              for m, label in (("*", "can placed"), ("x", "not placed"))]  # fmt: skip
-    ideal = Line2D([], [], color="k", ls="--", lw=1, label="ideal path with the can")
+    hand = Line2D([], [], color="k", lw=0.7, label="path of the hand")
+    ideal = [Line2D([], [], color="k", ls=dashes, lw=1, label=f"ideal path {label} the can")
+             for dashes, label in ((":", "to"), ("--", "with"))]  # fmt: skip
     words = ", ".join(f"{100 * metres:.0f}" for metres in sorted(zones))
     zone = Line2D([], [], color="#888888", ls=":", label=f"{words} cm from obstacles (across)")
-    fig.legend(handles=[*marks, ideal, zone], loc="outside upper center", ncols=4)
+    fig.legend(handles=[hand, zone, *ideal, *marks], loc="outside upper center", ncols=3)
     return fig
 
 
 def _draw_path(run, ax, view, **look):
     """Draw a recording's path of the hand; at its end a star if the can is placed, else a cross."""
-    path = run.hand[:, view]
-    ax.plot(*path.T, alpha=0.8, **look)
-    ax.plot(*path[-1], marker="*" if run.success else "x", color=look["color"], ms=6)
+    path, mark = run.hand[:, view], {"marker": "x", "ms": 4, "path_effects": OUTLINED}
+    if run.success:
+        mark = {"marker": "*", "ms": 6, "mec": "white", "mew": 0.4}
+    ax.plot(*path.T, **look)
+    ax.plot(*path[-1], color=look["color"], zorder=3.5, **mark)
 
 
 def _draw_zones(workspace, ax, distances):

@@ -19,6 +19,8 @@ from rlihf_lib.report.figures_late import CONTROL_STEP, RUNS, mean_and_interval
 from rlihf_lib.report.figures_policy import AXIS_LABELS, group_curves, learning_curve, name_axes
 from rlihf_lib.rl.observer import AT_EASE_CLEARANCE, UNEASY_CLEARANCE
 
+EACH = {"ls": "", "ms": 3, "mfc": "none", "mew": 0.7, "alpha": 0.8, "label": ""}  # run or person
+
 
 def by_weight(rows: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, dict]]:
     """Part rows by the weight of human feedback, each with its name, shade and marker."""
@@ -85,26 +87,32 @@ def weights_figure(training: pd.DataFrame) -> Figure:
 def trade_off_figure(runs: pd.DataFrame) -> Figure:
     """Time taken against clearance kept, over the late rollouts that place the can (cf. Fig. 1).
 
-    Of dense reward, a dot a run, and of RLIHF at any weights, a dot a person; `runs` has the
-    column steps. Lines: where people are at ease above, and the robot too close below.
+    Of dense reward, a small mark a run, and of RLIHF at any weights, a small mark a person; n runs
+    place the can. `runs` has the column steps. Lines: where people are at ease above, and the robot
+    too close below.
     """
     late = runs.query("phase == 'Late' and success == 1")
     late = late.assign(seconds=CONTROL_STEP * late["steps"], cm=100 * late["min_clearance"])
-    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 2.8))
+    fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 3.3))
     placed = late.groupby(["group", "w_hf", "subject", "run"])[["seconds", "cm"]].mean()
     dense = {"label": style.label("dense"), "color": style.color("dense"), "marker": "D"}
     weights = by_weight(placed.query("group == 'rlihf'"))
     for scores, look in [(placed.query("group == 'dense'"), dense), *weights]:
         if len(scores):
-            means = unit_means(scores)
+            means, words = unit_means(scores), f"{look['label']} (n = {len(scores)})"
             (x, y), intervals = means.mean(), st.mean_interval(means)
             arms = np.abs(intervals - [[x, y]])
-            ax.plot(*means.to_numpy().T, **look | RUNS | {"marker": look["marker"], "label": ""})
-            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], ls="", ms=5.5, mec="white", **look)
+            ax.plot(*means.to_numpy().T, **look | EACH)
+            look |= {"label": words, "mec": "black", "mew": 0.5, "ms": 5, "elinewidth": 1.2}
+            ax.errorbar(x, y, arms[:, 1:], arms[:, :1], ls="", **look)
     if not len(late):
         ax.text(0.5, 0.5, "no run places the can", transform=ax.transAxes, ha="center")
-    for metres in (UNEASY_CLEARANCE, AT_EASE_CLEARANCE):
+    for metres, words, side in (
+        (UNEASY_CLEARANCE, "too close ", "top"), (AT_EASE_CLEARANCE, "at ease ", "bottom"),
+    ):  # fmt: skip
         ax.axhline(100 * metres, **style.REFERENCE)
+        across = ax.get_yaxis_transform()
+        ax.text(1, 100 * metres, words, transform=across, ha="right", va=side, size=style.SMALL)
     ax.set(xlabel="Time to place the can (s)", ylabel=AXIS_LABELS["clearance"])
     ax.set_ylim(bottom=0)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)

@@ -18,11 +18,11 @@ CORRELATED = (
 )
 THRESHOLD = (
     "late success; places: at least one can in ten; half of dense: isotonic regression over people "
-    "[95 % bootstrap interval]"
+    "passes it between these two"
 )
 MEASURES = ["auroc", "balanced_accuracy", "accuracy_online"]  # of decoders
 TAUGHT = ("success", "completed")
-REACHED = ("success", "return", "success_early", "success_mid")
+REACHED = ("success", "return", "success_early", "success_mid", "clearance")
 
 
 def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
@@ -56,10 +56,14 @@ def subject_table(runs: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
 def correlation_table(people: pd.DataFrame) -> pd.DataFrame:
     """`statistics.spearman` of AUROC with what policies have reached, over `subject_table`.
 
-    A row for each of `REACHED`, with Holm's p over all of them.
+    A row for each of `REACHED`, with Holm's p over all of them; clearance is of those who place
+    the can.
     """
+    reached = {metric: people.dropna(subset=metric) for metric in REACHED}
     return family(
-        {"metric": metric, **st.spearman(people["auroc"], people[metric])} for metric in REACHED
+        {"metric": metric, **st.spearman(kept["auroc"], kept[metric])}
+        for metric, kept in reached.items()
+        if len(kept)
     )
 
 
@@ -82,55 +86,45 @@ def threshold_table(people: pd.DataFrame) -> pd.DataFrame:
 
     It does not where late success is below `statistics.EQUIVALENCE_MARGIN`. A row per measure of
     the decoder: fails_up_to, the best one that taught no success; places_from, the weakest that
-    did; n_places, n. Where the first is larger, the measure does not part people. And half_at,
-    where half of dense reward's success is reached by isotonic regression over people, with its
-    interval half_low, half_high (people resampled); empty where nobody reaches it.
+    did; n_places, n. Where the first is larger, the measure does not part people. And half_after
+    and half_by, the two people between whom half of dense reward's success is reached by isotonic
+    regression over people; empty where nobody reaches it, half_after also where everybody does.
     """
     places = people["success"] >= st.EQUIVALENCE_MARGIN
     best, weakest = people.loc[~places, MEASURES].max(), people.loc[places, MEASURES].min()
-    borders = {"fails_up_to": best, "places_from": weakest, "parts_people": best < weakest}
-    table = pd.DataFrame(borders).rename_axis("measure").reset_index()
+    table = pd.DataFrame({"fails_up_to": best, "places_from": weakest})
+    table["parts_people"] = (best < weakest).where(best.notna() & weakest.notna())
+    table = table.rename_axis("measure").reset_index()
     half = people["dense"].iloc[0] / 2
-    found = [_reached(people[measure], people["success"], half) for measure in MEASURES]
-    table[["half_at", "half_low", "half_high"]] = found
+    found = [_around(people[measure], people["success"], half) for measure in MEASURES]
+    table[["half_after", "half_by"]] = found
     return table.assign(n_places=int(places.sum()), n=len(people))
 
 
 def show_threshold(table: pd.DataFrame) -> pd.DataFrame:
     """Lay `threshold_table` out as strings."""
     rows = list(table.itertuples())
-    halves = [show_value("", row.half_at, row.half_low, row.half_high) for row in rows]
+    halves = [[show_value("", x) for x in (row.half_after, row.half_by)] for row in rows]
     return pd.DataFrame(
         {
             "measure": table["measure"].str.replace("_", " "),
             "places nothing up to": [show_value("", row.fails_up_to) for row in rows],
             "places from": [show_value("", row.places_from) for row in rows],
             "parts people": table["parts_people"].map({True: "yes", False: "no"}),
-            "half of dense at": halves,
+            "half of dense between": [" and ".join(filter(None, ends)) for ends in halves],
             "n": [f"{row.n_places} of {row.n} people place the can" for row in rows],
         }
     )
 
 
-def _reached(measure, success, level):
-    """Smallest measure at which monotone success is at a level: estimate, low and high."""
+def _around(measure, success, level):
+    """Of people by measure, the last before and the first at which success is at a level."""
     order = np.argsort(measure.to_numpy(), kind="stable")
-    x, y = measure.to_numpy()[order], success.to_numpy()[order]
-
-    def border(i):
-        i = np.sort(i)  # of people in their order
-        fitted, measured = isotonic_regression(y[i]).x, x[i]
-        k = int(np.argmax([*(fitted >= level)[:-1], True]))  # the last, if nobody reaches it
-        between = slice(max(k - 1, 0), k + 1)  # linear between two people
-        return np.interp(level, fitted[between], measured[between])
-
-    def borders(picks):
-        return np.apply_along_axis(border, -1, picks)
-
-    everybody = np.arange(len(x))
-    if isotonic_regression(y).x[-1] < level:
-        return np.nan, np.nan, np.nan
-    return border(everybody), *st.interval(borders, len(x), corrected=False)
+    reached = isotonic_regression(success.to_numpy()[order]).x >= level
+    if not reached.any():
+        return np.nan, np.nan
+    ends = [np.nan, *measure.to_numpy()[order]]
+    return tuple(ends[k] for k in (reached.argmax(), reached.argmax() + 1))
 
 
 def taught(runs: pd.DataFrame, scores: pd.DataFrame, steps: int) -> pd.DataFrame:

@@ -19,7 +19,7 @@ FIT = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
 ESCAPES = {c: f"\\{c}" for c in "#$%&_{}"} | {c: f"${c}$" for c in "<>"}
 ESCAPES |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 ESCAPES |= {"±": r"$\pm$", "·": r"$\cdot$", "–": "--", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
-ESCAPES |= {"ρ": r"$\rho$"}
+ESCAPES |= {"ρ": r"$\rho$", "≈": r"$\approx$"}
 
 
 def caption(study, says: str = "") -> str:

@@ -7,29 +7,40 @@ import seaborn as sns
 
 from rlihf_lib.profiles import Profile
 
-#: Every name under which runs are compared (`evaluations.group_of`): as people read it, its colour.
+#: Every name under which runs are compared (`evaluations.group_of`): as people read it, its colour
+#: and its dashes, which tell lines apart in black and white too.
 # Okabe & Ito (2008), "Color Universal Design": told apart with every common colour blindness.
-GROUPS = {
-    "sparse": ("RL sparse", "#7F7F7F"),
-    "dense": ("RL dense", "#0072B2"),
-    "rlihf": ("RLIHF", "#D55E00"),
-    "sparse-patience1000-discount0.98": ("RL sparse, tuned (discount .98)", "#009E73"),
-    "sparse-patience1000-discount0.99": ("RL sparse, tuned (discount .99)", "#56B4E9"),
-    "rlihf-ideal": ("RLIHF, ideal p", "#000000"),
-    "rlihf-mean": ("RLIHF, constant p", "#CC79A7"),
-    "rlihf-shuffled": ("RLIHF, shuffled p", "#999933"),
-    "rlihf-lay": ("RLIHF, lay observer", "#332288"),
+GROUPS: dict[str, tuple] = {
+    "sparse": ("RL sparse", "#7F7F7F", (0, (1, 1))),
+    "dense": ("RL dense", "#0072B2", (0, (4, 1.5))),
+    "rlihf": ("RLIHF", "#D55E00", "solid"),
+    "sparse-patience1000-discount0.98": (
+        "RL sparse, tuned (discount .98)", "#009E73", (0, (3, 1, 1, 1)),
+    ),
+    "sparse-patience1000-discount0.99": (
+        "RL sparse, tuned (discount .99)", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)),
+    ),
+    "rlihf-ideal": ("RLIHF, ideal p", "#000000", (0, (8, 1.5))),
+    "rlihf-mean": ("RLIHF, constant p", "#CC79A7", (0, (2, 1))),
+    "rlihf-shuffled": ("RLIHF, shuffled p", "#999933", (0, (5, 1, 1, 1))),
+    "rlihf-lay": ("RLIHF, lay observer", "#332288", (0, (6, 1, 1, 1, 1, 1))),
+}  # fmt: skip
+LABELS, COLORS, DASHES = (
+    {group: look[part] for group, look in GROUPS.items()} for part in range(3)
+)
+#: Studies of other people, by the name of their folder of results.
+STUDIES = {
+    "ner2015": "recorded, NER 2015",
+    "coadaptation": "yes/no decoder, closed loop (Ehrlich & Cheng 2018)",
 }
-LABELS = {group: words for group, (words, _) in GROUPS.items()}
-COLORS = {group: shade for group, (_, shade) in GROUPS.items()}
 COLORS |= {"correct": "#44AA99", "error": "#882255"}  # what EEG answers; no condition's colours
 COLORS |= {"pretrain": "#F0E442", "online": "#E69F00"}  # the paper's Fig. 5: yellow, orange bars
-LIGHTEST, DARKEST = "#E8A56F", "#552600"  # shades of RLIHF
-# Told apart in black and white too.
-DASHES = {"sparse": (0, (1, 1)), "dense": (0, (4, 1.5)), "rlihf": "solid"}
+COLORS |= {"lda": "#555555"}  # the decoder that EEGNet is compared with
+LIGHTEST, DARKEST = "#EDB98F", "#552600"  # shades of RLIHF
 #: Of chance levels and other lines to compare with; of single people or runs behind their mean.
 REFERENCE: dict[str, Any] = {"color": "#888888", "lw": 0.8, "ls": (0, (2, 2))}
 BEHIND: dict[str, Any] = {"color": "#BBBBBB", "lw": 0.7}
+SHARE = (-0.03, 1.03)  # limits of an axis of shares, with room for lines at 0 and 1
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches of a two-column conference page (ieeeconf, letter)
 SMALL, WIDEST = 7, 18  # pt of the smallest text that journals print; cm of two columns
 RC = {  # on top of seaborn's "paper"
@@ -67,7 +78,7 @@ def color(group: str) -> str:
 
 def line_style(group: str) -> dict[str, Any]:
     """Return colour and dashes of a group's lines."""
-    return {"color": color(group), "linestyle": DASHES[group.split("-")[0]]}
+    return {"color": color(group), "linestyle": DASHES.get(group, DASHES[group.split("-")[0]])}
 
 
 def ordered(groups: Iterable[str]) -> list[str]:

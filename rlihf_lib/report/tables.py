@@ -1,7 +1,7 @@
 """Tables: Table I and its companions, from what `evaluations.load_runs` returns."""
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import pandas as pd
@@ -207,20 +207,23 @@ def order_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Is more weight better, as in the paper, and sooner? Page's test of the order, over people.
 
     Each person's means rank the weights, or each seed's of one person. A row for success in every
-    phase and for late return: ours, the weights by mean, and paper, the paper's order; p, exact
-    where nothing is tied and too large else, and p_holm.
+    phase and for late return: ours, the weights by mean (≈ where two have the same, as written),
+    and paper, the paper's order; p, exact where nothing is tied and too large else, and p_holm.
     """
     rows = []
     for phase, metric in [*product(paper.PHASES, ["success"]), ("Late", "return")]:
         scores = phase_scores(runs, phase).query("group == 'rlihf'")
         unit = "subject" if scores["subject"].nunique() > 1 else "seed"
         means = scores.pivot_table(metric, unit, "w_hf").dropna()
-        weights, ranked = sorted(means), means.mean().sort_values(kind="stable").items()
+        weights, ranked = sorted(means), means.mean().sort_values(kind="stable")
+        levels = [show_value(metric, mean) for mean in ranked]
+        signs = [""] + [" ≈ " if a == b else " < " for a, b in pairwise(levels)]
+        ours = zip(signs, ranked.index, levels, strict=True)
         p = page_trend_test(means).pvalue if len(means) > 1 and len(weights) > 2 else np.nan
         rows.append(
             {
                 "phase": phase, "metric": metric, "p": p,
-                "ours": " < ".join(f"{w:g} ({show_value(metric, mean)})" for w, mean in ranked),
+                "ours": "".join(f"{sign}{weight:g} ({level})" for sign, weight, level in ours),
                 "paper": " < ".join(f"{w:g}" for w in weights),
                 "n": f"{len(means)} {'people' if unit == 'subject' else 'seeds'}",
             }

@@ -36,7 +36,7 @@ def test_runs_that_are_equal_are_shown_to_be(runs, scores):
     found = judged(same, scores)
     assert found["Late: RLIHF places about as many as dense reward"][1] == "yes"
     weaker = found["Weaker decoders support learning, too"][0]
-    assert "12 shown equal to dense reward, to differ nobody can be shown" in weaker, "5 seeds"
+    assert "12 people shown to equal dense reward, with so few seeds nobody can be" in weaker
 
 
 def test_a_study_of_a_run_each_is_too_small_to_show_anything(study):

@@ -74,7 +74,9 @@ def test_units_are_people_or_else_seeds(runs):
     assert size(late.query("subject == 's05' and seed == 0")) == "1 seed"
     unequal = late.query("subject in ('s05', 's06')").iloc[:-1]
     assert np.isnan(units(unequal, "success")).sum() == 1
-    assert described(runs).startswith("RL sparse 5 seeds, RL dense 5 seeds, RLIHF 12 people x 5")
+    words = "RL sparse 5 seeds, RL dense 5 seeds, RLIHF 12 people x 5 seeds; w_hf = 0.7; bands"
+    assert described(runs).startswith(words)
+    assert "w_hf" not in described(runs.query("condition == 'dense'")), "nobody's feedback"
 
 
 def test_a_missing_or_foreign_run_is_named(study):

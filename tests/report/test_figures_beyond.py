@@ -1,16 +1,18 @@
 """Figures of notebook 06 show what is in their tables."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from rlihf_lib.report import figures_beyond
 
 
-def test_every_person_is_a_point_and_every_study_a_marker():
+def test_every_person_is_a_point_and_every_study_a_marker(runs):
     own = pd.DataFrame({"auroc": [0.7, 0.9], "success": [0.1, 0.8], "completed": [0.3, 0.9]})
+    own["subject"] = ["s02", "s13"]
     other = pd.DataFrame({"auroc": [0.8], "success": [0.5], "completed": [0.6]})
     reached = pd.DataFrame({"success": [0.9, 0.0], "completed": [1.0, 0.1]}, ["dense", "sparse"])
-    fig = figures_beyond.people_figure({"simulated EEG": own, "lab": other}, reached)
+    fig = figures_beyond.people_figure({"simulated EEG": own, "lab": other}, reached, runs)
     assert [text.get_text() for text in fig.legends[0].texts] == [
         "RL dense",
         "RL sparse",
@@ -22,6 +24,26 @@ def test_every_person_is_a_point_and_every_study_a_marker():
     assert second.get_xydata().tolist() == [[0.8, 0.5]]
     assert fig.axes[1].lines[-1].get_xydata().tolist() == [[0.8, 0.6]]
     assert first.get_marker() != second.get_marker()
+
+
+def test_runs_of_the_first_study_are_dots_joined_person_by_person(runs):
+    chosen = runs[runs["seed"] < 2]
+    own = pd.DataFrame({"subject": ["s02", "s13"], "auroc": [0.7, 0.9]})
+    own = own.assign(success=[0.1, 0.8], completed=[0.3, 0.9])
+    reached = pd.DataFrame({"success": [0.9], "completed": [1.0]}, ["dense"])
+    people = {"simulated EEG": own, "ner2015": own}
+    (ax, _) = figures_beyond.people_figure(people, reached, chosen).axes
+    late = chosen.query("phase == 'Late' and group == 'rlihf'")
+    known = late[late["subject"].isin(["s02", "s13"])].groupby("subject")["success"]
+    (dots,) = [line for line in ax.lines if line.get_alpha()]
+    assert sorted(dots.get_ydata()) == pytest.approx(
+        sorted([*known.get_group("s02"), *known.get_group("s13")])
+    )
+    (joined,) = ax.collections
+    ends = np.array([segment[:, 1] for segment in joined.get_segments()])
+    np.testing.assert_allclose(ends, known.agg(["min", "max"]))
+    assert ax.get_ylabel() == "Success rate,\n2 to 3 thousand steps"
+    assert ax.lines[-1].get_label() == "recorded, NER 2015 (n = 2)"
 
 
 @pytest.fixture

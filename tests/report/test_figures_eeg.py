@@ -39,4 +39,5 @@ def test_both_waves_and_their_difference_are_drawn_and_the_published_intervals(l
 def test_spectra_are_in_decibels():
     spectra = pd.DataFrame({"recorded": [100.0, 10], "preprocessed": [10.0, 1]}, [1.0, 2])
     (ax,) = figures_eeg.spectra_figure(spectra, (1, 20)).axes
+    assert ax.get_legend_handles_labels()[1][0] == "pass-band, 1 to 20 Hz"
     assert [line.get_ydata().tolist() for line in ax.lines] == [[20, 10], [10, 0]]

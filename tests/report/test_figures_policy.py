@@ -64,12 +64,24 @@ def test_a_run_is_drawn_as_soon_as_it_has_windows_learnt_or_not(learnt):
     assert [ax.get_yscale() for ax in fig.axes[:2]] == ["log" if learnt else "linear"] * 2
 
 
+@pytest.mark.parametrize(("least", "ticks"), [(0.1, "0.5"), (1e-4, "$\\mathdefault{10^{-2}}$")])
+def test_losses_over_many_decades_have_powers_of_ten(least, ticks):
+    window = pd.DataFrame({"step": [1000, 2000], "critic_loss": [least, 1.0]})
+    window = window.assign(ent_coef=0.1, mean_q=1.0)
+    ax = figures_policy.learner_figure(window, "dense").axes[0]
+    ax.figure.canvas.draw()
+    assert ticks in [tick.get_text() for tick in ax.get_yticklabels()]
+
+
 def test_training_is_a_line_per_run_beside_its_evaluation(runs):
     dense = runs[runs["group"] == "dense"]
     training = dense.assign(episodes=1)
     training.loc[training["step"] == 1000, "return"] = np.nan
     fig = figures_policy.training_figure(dense, training, "dense", 1000)
     assert [len(line.get_xdata()) for line in fig.axes[0].lines[:5]] == [3] * 5
+    earned = training.groupby("step")["return"].mean().dropna()
+    np.testing.assert_allclose(fig.axes[0].lines[5].get_ydata(), earned)
+    assert [line.get_alpha() for line in fig.axes[0].lines[:6]] == [0.3] * 5 + [None]
     assert len(fig.axes[1].collections) == 1
     assert "reward of RL dense" in fig.axes[0].get_ylabel()
     sparse = runs[runs["group"] == "sparse"].assign(**{"return": 0.0})

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from rlihf_lib.report import figures_task
 from rlihf_lib.report.figures_task import OBJECT_COLOURS, paths_by_weight, paths_figure
+from rlihf_lib.report.style import color
 from rlihf_lib.rl.evaluation import Recording
 from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.rendering import PICTURE, project
@@ -50,7 +51,8 @@ def test_each_weight_has_a_panel_that_counts_who_places_the_can(env):
     recordings = {"dense": [still(env)], 0.1: [still(env, True), still(env)], 0.7: [still(env)]}
     fig = paths_by_weight(env, recordings, tuple(ZONES))
     tops, sides = fig.axes[:3], fig.axes[3:]
-    words = ["RL dense\n0 of 1", "RLIHF, 0.1\n1 of 2", "RLIHF, 0.7\n0 of 1"]
+    weights = [f"RLIHF, $w_{{hf}}$ = {weight}" for weight in (0.1, 0.7)]
+    words = ["RL dense\n0 of 1", f"{weights[0]}\n1 of 2", f"{weights[1]}\n0 of 1"]
     assert [ax.get_title() for ax in tops] == [f"{title} placed" for title in words]
     for axes in (tops, sides):
         ends = [[line for line in ax.lines if line.get_marker() in ("*", "x")] for ax in axes]
@@ -60,8 +62,29 @@ def test_each_weight_has_a_panel_that_counts_who_places_the_can(env):
             ["x"],
         ]
         assert len({lines[0].get_color() for lines in ends}) == 3
+    names = [text.get_text() for text in fig.legends[0].texts]
+    assert {"path of the hand", "ideal path to the can", "ideal path with the can"} <= {*names}
     assert [line.get_ydata()[-1] for line in sides[0].lines[2:3]] == [env.controller.hand[2]]
     plt.close(fig)
+
+
+def test_baselines_lie_over_the_many_paths_of_rlihf(env):
+    recordings = {"dense": [still(env)], "rlihf": [still(env), still(env)]}
+    top, _ = paths_figure(env, recordings, ZONES).axes
+    paths = [line for line in top.lines if len(line.get_xdata()) == 2 and line.get_lw() != 1]
+    (dense,) = [line for line in paths if line.get_color() == color("dense")]
+    rlihf = [line for line in paths if line.get_color() == color("rlihf")]
+    assert len(rlihf) == 2
+    for line in rlihf:
+        assert line.get_zorder() < dense.get_zorder() and line.get_lw() < dense.get_lw()
+        assert line.get_alpha() < 1 and not line.get_path_effects()
+    assert dense.get_path_effects()
+
+
+@pytest.mark.parametrize("name", OBSTACLES)
+def test_obstacles_are_grey_and_hatched(drawing, name):
+    (patch,) = (p for p in drawing["top"].patches if p.get_gid() == name)
+    assert patch.get_hatch() and np.ptp(patch.get_facecolor()[:3]) == 0
 
 
 def inside(kind, size, points):

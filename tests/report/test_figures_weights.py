@@ -69,9 +69,13 @@ def test_time_and_clearance_are_those_of_late_successes(runs, weighed):
     runs["success"] = (runs["success"] > 0.5).astype(int)
     fig = figures_weights.trade_off_figure(runs)
     (ax,) = fig.axes
-    assert ax.get_legend_handles_labels()[1] == [
-        "RL dense", *(f"RLIHF, $w_{{hf}}$ = {w:g}" for w in (0.1, 0.4, 0.7))
-    ]  # fmt: skip
+    placed = runs.query("phase == 'Late' and success == 1").groupby("w_hf")["run"].nunique()
+    names = "RL dense", *(f"RLIHF, $w_{{hf}}$ = {w:g}" for w in (0.1, 0.4, 0.7))
+    told = [f"{name} (n = {n})" for name, n in zip(names, placed, strict=True)]
+    assert ax.get_legend_handles_labels()[1] == told
+    assert {text.get_text().strip(): text.get_position()[1] for text in ax.texts} == {
+        "too close": 2, "at ease": 5
+    }  # fmt: skip
     dots = [line.get_xdata() for line in ax.lines if line.get_alpha()]
     people = runs.query("phase == 'Late' and success == 1").groupby("w_hf")["subject"].nunique()
     assert [len(line) for line in dots] == [5, *people[1:]], "runs of dense, people at each weight"

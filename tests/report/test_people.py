@@ -1,6 +1,7 @@
 """Decoder and policy of each person side by side."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rlihf_lib.report import people
@@ -22,6 +23,9 @@ def test_every_person_is_compared_with_dense_reward(runs, scores):
     assert correlation.loc["success", "rho"] > 0.9 and correlation.loc["success", "p"] < 0.001
     early = phase_scores(runs, "Early").query("subject == 's02'")["success"].mean()
     assert table["success_early"][0] == pytest.approx(early)
+    assert "clearance" not in correlation.index, "no robot of these runs is known to have kept any"
+    kept = people.correlation_table(table.assign(clearance=[np.nan, *range(11)])).iloc[-1]
+    assert kept["metric"] == "clearance" and (kept["n"], kept["rho"]) == (11, 1)
     assert len(correlation) == 4 and (correlation["p_holm"] >= correlation["p"]).all()
 
 
@@ -40,11 +44,15 @@ def test_half_of_dense_is_reached_between_the_people_around_it(runs, scores):
     own = whole["subject"].map(dict(zip(scores["subject"], level, strict=True)))
     table = people.threshold_table(people.subject_table(whole.fillna({"success": own}), scores))
     row = table.set_index("measure").loc["auroc"]
-    assert row["fails_up_to"] < row["half_at"] < row["places_from"]
-    assert row["half_low"] <= row["fails_up_to"] and row["half_high"] >= row["places_from"]
-    few = scores.iloc[:4]
-    four = people.threshold_table(people.subject_table(runs, few)).set_index("measure")
-    assert four.loc["auroc", "half_at"] > 0 and np.isnan(four.loc["auroc", "half_low"])
+    around = [scores["auroc"][scores["auroc"] <= 0.8].max(), scores["auroc"][level > 0].min()]
+    assert row[["half_after", "half_by"]].tolist() == around
+    shown = people.show_threshold(table)["half of dense between"][0]
+    assert shown == f"{around[0]:.2f} and {around[1]:.2f}"
+    for each, known in ((0.0, []), (0.9, [scores["auroc"].min()])):
+        alike = whole.fillna({"success": each})
+        row = people.threshold_table(people.subject_table(alike, scores)).iloc[0]
+        assert row[["half_after", "half_by"]].dropna().tolist() == known
+        assert pd.isna(row["parts_people"]), "all of them fail, or none"
 
 
 def test_what_people_have_taught_is_counted_in_the_last_third_of_so_many_steps(runs, scores):

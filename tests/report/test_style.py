@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import rgb_to_hsv, to_hex, to_rgb
 
-from rlihf_lib.report.style import COLORS, LABELS, color, shades
+from rlihf_lib.report.style import COLORS, LABELS, color, line_style, shades
 
 GREY = [0.299, 0.587, 0.114]
 # Of linear RGB, at full severity: Machado et al. (2009), IEEE Trans. Vis. Comput. Graph. 15:1291.
@@ -25,14 +25,27 @@ def test_weights_are_shades_of_rlihfs_colour_that_get_darker(weights):
     np.testing.assert_allclose(hues, hues[0], atol=0.01)
 
 
-def test_every_group_has_a_colour_of_its_own():
+def test_every_group_has_a_colour_and_dashes_of_its_own():
     assert len({color(group) for group in LABELS}) == len(LABELS)
+    assert len({line_style(group)["linestyle"] for group in LABELS}) == len(LABELS)
+    assert line_style("dense-batch512")["linestyle"] == line_style("dense")["linestyle"]
+
+
+def seen(colours, kind):
+    """RGB of colours as somebody sees them."""
+    linear = np.array([to_rgb(shade) for shade in colours]) ** 2.2
+    return np.clip(linear @ np.transpose(BLINDNESS[kind]), 0, 1) ** (1 / 2.2)
+
+
+@pytest.mark.parametrize("kind", BLINDNESS)
+def test_the_papers_weights_differ_to_the_colour_blind(kind):
+    steps = np.diff(seen(shades((0.1, 0.4, 0.7)).values(), kind), axis=0)
+    assert np.linalg.norm(steps, axis=1).min() > 0.25
 
 
 @pytest.mark.parametrize("kind", BLINDNESS)
 @pytest.mark.parametrize("names", [("sparse", "dense", "rlihf"), ("correct", "error")])
 def test_colours_drawn_together_differ_to_the_colour_blind(kind, names):
-    linear = np.array([to_rgb(COLORS[name]) for name in names]) ** 2.2
-    seen = np.clip(linear @ np.transpose(BLINDNESS[kind]), 0, 1) ** (1 / 2.2)
-    apart = np.linalg.norm(seen[:, None] - seen[None], axis=-1)
+    colours = seen([COLORS[name] for name in names], kind)
+    apart = np.linalg.norm(colours[:, None] - colours[None], axis=-1)
     assert apart[np.triu_indices(len(names), 1)].min() > 0.2

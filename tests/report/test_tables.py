@@ -135,6 +135,8 @@ def test_the_order_of_the_weights_is_tested_in_every_phase(weighed):
     assert turned["ours"].startswith("0.1") is False and turned["p"] > 0.999
     one = tables.order_table(weighed.query("subject == 's05'"))
     assert set(one["n"]) == {"5 seeds"}
+    tied = tables.order_table(weighed.assign(success=0.5)).iloc[2]["ours"]
+    assert tied == "0.1 (0.50) ≈ 0.4 (0.50) ≈ 0.7 (0.50)"
     two = tables.order_table(weighed.query("w_hf > 0.2"))
     assert two["p"].isna().all(), "two weights have no order to test"
 
