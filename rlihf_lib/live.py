@@ -6,8 +6,8 @@ which policies are trained otherwise, hides nothing.
 
 from functools import lru_cache
 
+from rlihf_lib.paths import EEG_SOURCES
 from rlihf_lib.rl.training import train_run
-from rlihf_lib.study import EEG_SOURCES
 
 FEEDBACK = "feedback"  # the marker that asks a person
 WAIT = 5.0  # s for an answer

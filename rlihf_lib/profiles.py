@@ -59,7 +59,7 @@ class Profile:
     w_hf: float = 0.7
     """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
     experiments: tuple[str, ...] = ()
-    """Of `beyond.EXPERIMENTS` (notebook 06), those that are made."""
+    """Of `experiments.EXPERIMENTS` (notebook 06), those that are made."""
 
     def seeds_of(self, condition) -> tuple[int, ...]:
         """Return the seeds of a condition of the main comparison."""

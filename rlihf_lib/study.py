@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from rlihf_lib.files import check_sums
+from rlihf_lib.paths import EEG_SOURCES, eeg_folder, output_folder, p_error_table
 from rlihf_lib.profiles import PROFILES
 from rlihf_lib.rl.feedback import (
     COLUMNS,
@@ -21,7 +22,6 @@ from rlihf_lib.rl.feedback import (
 from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done, is_whole
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-EEG_SOURCES = ("simulated", "hri")
 EVENTS = ("correct", "error")
 #: Conditions of the paper, and what stands beside them: settings and feedback of another kind.
 STAGES = ("sparse", "tuned", "dense", "rlihf", "controls", "ablation")
@@ -72,14 +72,14 @@ class Study:
         self.is_table = self.eeg.endswith(".csv")
         self.is_folder = not self.is_table and self.eeg not in EEG_SOURCES
         if self.is_table or self.is_folder:
-            self.eeg, self.eeg_name = (_table if self.is_table else _folder)(self.eeg)
+            self.eeg, self.eeg_name = (p_error_table if self.is_table else eeg_folder)(self.eeg)
         if not self.is_folder:
             if self.events != EVENTS:
                 raise ValueError(f"events can be named for a folder only, not for {self.eeg}")
             if self.drop_channels:
                 raise ValueError(f"channels can be dropped from a folder only, not from {self.eeg}")
         self.name = f"{profile}-{self.eeg_name}"
-        self.out = _output(out) if str(out) else REPOSITORY
+        self.out = output_folder(out) if str(out) else REPOSITORY
         self.results = self.out / "results" / self.name
         self.decoder = self.results / "decoder"
         self.runs = self.results / "runs"
@@ -265,61 +265,3 @@ class Study:
             seconds += provenance["wall_seconds"]
             steps += config["total_steps"]
         return seconds / steps if steps else SECONDS_PER_STEP
-
-
-def _full(path, what):
-    """Full path of what somebody has typed."""
-    try:
-        full = Path(path).expanduser().resolve()
-        full.exists()  # or its name is too long
-    except (OSError, RuntimeError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise ValueError(f"{what} is {str(path)[:80]!r}, which is no path: {reason}") from problem
-    return full
-
-
-def _output(out):
-    folder = _full(out, "the folder for results and figures (--out)")
-    there = next(path for path in (folder, *folder.parents) if path.exists())
-    if not there.is_dir():
-        raise ValueError(f"cannot write to {folder}, for {there} is a file; choose another --out")
-    return folder
-
-
-def _folder(eeg):
-    """Full path and name of a folder of one's own EEG."""
-    from rlihf_lib.eeg.folders import WANTED, find  # built-in sources don't need it
-
-    folder = _full(eeg, "eeg")
-    if not eeg.strip() or not folder.is_dir():
-        raise ValueError(
-            f"eeg is {eeg!r}, neither {' nor '.join(EEG_SOURCES)} nor a folder; "
-            f"give one of these or a folder of {WANTED}"
-        )
-    if not folder.name:
-        raise ValueError(
-            f"the EEG folder {folder} has no name for its results; give a folder in it"
-        )
-    _refuse_name(folder.name, f"the EEG folder {folder}", "folder")
-    find(folder)  # says what is wrong with its files
-    return str(folder), folder.name
-
-
-def _table(eeg):
-    """Full path and name of a table of p(error)."""
-    path = _full(eeg, "p(error)")
-    if not path.is_file():
-        raise ValueError(
-            f"there is no file {path}; give a table of p(error) with the columns "
-            f"{', '.join(COLUMNS)}"
-        )
-    _refuse_name(path.stem, f"the table {path}", "file")
-    return str(path), path.stem
-
-
-def _refuse_name(name, source, kind):
-    if name in EEG_SOURCES:
-        raise ValueError(
-            f"{source} is named like a built-in source, so their results would mix; rename the "
-            f"{kind}"
-        )

@@ -7,19 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.beyond import (
-    EXPERIMENTS,
-    N_CASES,
-    PRIOR,
-    Beyond,
-    against,
-    contrast,
-    count,
-    experiments,
-    weaker,
-)
+from rlihf_lib.beyond import Beyond, count, planned
 from rlihf_lib.eeg.scores import auroc, calibration_error
 from rlihf_lib.eeg.tiring import PARTS, aurocs_by_part
+from rlihf_lib.experiments import EXPERIMENTS, N_CASES, PRIOR, against, contrast, weaker
 from rlihf_lib.profiles import PROFILES
 from rlihf_lib.rl.asking import Asking
 from rlihf_lib.rl.observer import path_observer
@@ -62,9 +53,9 @@ def test_cases_are_as_many_as_are_counted_before_there_are_decoders(beyond, tmp_
 def test_nobody_tires_who_is_not_simulated(tmp_path, monkeypatch):
     smoke = dataclasses.replace(PROFILES["smoke"], experiments=("tiring",))
     monkeypatch.setitem(PROFILES, "smoke", smoke)
-    assert experiments(Study("smoke")) == ("tiring",)
+    assert planned(Study("smoke")) == ("tiring",)
     (tmp_path / "lab.csv").touch()
-    assert experiments(Study("smoke", tmp_path / "lab.csv", tmp_path)) == ()
+    assert planned(Study("smoke", tmp_path / "lab.csv", tmp_path)) == ()
 
 
 def test_runs_of_an_experiment_differ_in_what_it_varies(beyond):

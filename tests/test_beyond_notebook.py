@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.beyond import EXPERIMENTS, Beyond
+from rlihf_lib.beyond import Beyond
+from rlihf_lib.experiments import EXPERIMENTS
 from rlihf_lib.files import canonical_json
 from rlihf_lib.profiles import PROFILES
 from rlihf_lib.regenerate import NOTEBOOKS

@@ -14,7 +14,8 @@ import pytest
 
 from rlihf_lib import regenerate
 from rlihf_lib.__main__ import main
-from rlihf_lib.regenerate import NotebookError, check_parameters, execute, select
+from rlihf_lib.execute import NotebookError, check_parameters, execute
+from rlihf_lib.regenerate import select
 from rlihf_lib.rl.runs import write_run
 from rlihf_lib.study import REPOSITORY, Study
 
@@ -361,7 +362,7 @@ def test_kill_9_of_the_command_takes_the_kernel_with_it(notebook, tmp_path):
         "n = 1", "import os, time\nopen('kernel.pid', 'w').write(str(os.getpid()))\ntime.sleep(60)"
     )
     code = (
-        "from pathlib import Path; from rlihf_lib.regenerate import execute; "
+        "from pathlib import Path; from rlihf_lib.execute import execute; "
         f"execute(Path({str(path)!r}), Path('out.ipynb'), {{}})"
     )
     process = subprocess.Popen(
