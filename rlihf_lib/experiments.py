@@ -100,7 +100,7 @@ def _remedies(beyond):
     mended = {name: slow[name] | {"against": "arrival"} for name in credits[1:]}
     mended["kernel, jitter"] = jitter | {"against": "arrival"}
     budget = beyond.sizes["total_steps"] // SLOWEST["interval"]
-    model = {"asking": Asking(budget, model=True)}  # is fitted every 10 s: no delay counts
+    model = {"asking": Asking(budget, model=True)}  # is fitted every 100 s: no delay counts
     weighed = event | {"w_hf": Profile.w_hf / SLOWEST["interval"]}
     return {
         "at once": ideal, "arrival": ideal | slow["arrival"],
