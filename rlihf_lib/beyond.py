@@ -10,12 +10,9 @@ from typing import Any
 
 import pandas as pd
 
-from rlihf_lib.eeg.loso import load_decoder
-from rlihf_lib.eeg.tiring import session_table
 from rlihf_lib.experiments import EXPERIMENTS, N_CASES, synthetic_tables
 from rlihf_lib.files import SUMS, check_sums, sha256, write_csv, write_sums
 from rlihf_lib.profiles import Profile
-from rlihf_lib.report.evaluations import load_runs, phase_scores
 from rlihf_lib.rl.feedback import p_error_sha256, read_table
 from rlihf_lib.rl.runs import RunConfig, is_done
 
@@ -38,6 +35,10 @@ class Beyond:
     @cached_property
     def session(self) -> pd.DataFrame:
         """p(error) over a session in which the person tires; only simulated people can."""
+        # Imports MNE, so only when asked.
+        from rlihf_lib.eeg.loso import load_decoder
+        from rlihf_lib.eeg.tiring import session_table
+
         # A decoder trained anew decodes anew.
         decoder = sha256((self.study.decoder / SUMS).read_bytes())[:8]
         folder = self.runs.parent / f"session-{self.person}-{decoder}"
@@ -70,6 +71,9 @@ class Beyond:
 
     def late(self, experiment: str) -> pd.DataFrame:
         """Average each finished run over the last third of its training, with its case."""
+        # Imports Matplotlib, which writes to the home folder unless told where else.
+        from rlihf_lib.report.evaluations import load_runs, phase_scores
+
         named = {c.run_id: case for case, runs in self.cases(experiment).items() for c in runs}
         means = phase_scores(load_runs(self, [experiment]))
         case = pd.Categorical(means["run"].map(named), list(dict.fromkeys(named.values())))

@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 from scipy.special import expit, logit
 
-from rlihf_lib.eeg.tiring import PARTS
 from rlihf_lib.profiles import Profile
 from rlihf_lib.rl import forms
 from rlihf_lib.rl.asking import Asking
@@ -185,6 +184,8 @@ def _observers(beyond):
 
 def _tiring(beyond):
     """A session in which the person tires, and a decoder that is, or isn't, kept up to date."""
+    from rlihf_lib.eeg.tiring import PARTS  # imports MNE, so only when asked
+
     if beyond.study.eeg != "simulated":
         raise ValueError(f"nobody tires in {beyond.study.eeg_label}: only simulated people do")
     states: dict[str, dict] = {"rested": {}, "tired": {}, "updated": {"against": "tired"}}

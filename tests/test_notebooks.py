@@ -150,6 +150,7 @@ def smoke(tmp_path_factory):
         (out / name).mkdir()
     places = {"RLIHF_CACHE": "cache", "HOME": "home", "TMPDIR": "temporary"}
     environment = {**os.environ, **{key: str(out / name) for key, name in places.items()}}
+    environment.pop("MPLCONFIGDIR", None)  # so that who imports Matplotlib unawares is seen
     before = held(REPOSITORY)
     result = subprocess.run(
         command, capture_output=True, text=True, env=environment, cwd=out / "here"
@@ -174,6 +175,17 @@ def test_nothing_is_written_outside_out_the_cache_and_temporary_files(smoke):
     assert {path.name for path in study.out.iterdir()} == {
         "results", "figures", "cache", "home", "temporary", "here"
     }  # fmt: skip
+
+
+def test_what_is_done_is_told_without_libraries_that_write_to_the_home_folder(smoke):
+    study, _ = smoke
+    told = (
+        "import sys; from rlihf_lib.__main__ import main; main(sys.argv[1:]); print(*sys.modules)"
+    )
+    command = [sys.executable, "-c", told, "--list", "--profile", "smoke", "--out", str(study.out)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    *_, modules = said.strip().split("\n")
+    assert "06_beyond_the_paper" in said and not {"matplotlib", "mne"} & {*modules.split()}
 
 
 def test_every_notebook_runs_in_smoke(smoke):
