@@ -95,15 +95,14 @@ def _remedies(beyond):
     credits = ("arrival", "held", "event", "window", "kernel")
     slow = {credit: {"timing": Timing(**SLOWEST, credit=credit)} for credit in credits}
     ideal, event, me = {"subject": IDEAL}, slow["event"], beyond.person
-    jitter = {"timing": Timing(**SLOWEST, jitter=4, credit="kernel")}
-    mended = {name: slow[name] | {"against": "arrival"} for name in credits[1:]}
-    mended["kernel, jitter"] = jitter | {"against": "arrival"}
+    slow["kernel, jitter"] = {"timing": Timing(**SLOWEST, jitter=4, credit="kernel")}
+    mended = [name for name in slow if name != "arrival"]
     budget = beyond.sizes["total_steps"] // SLOWEST["interval"]
     model = {"asking": Asking(budget, model=True)}  # is fitted every 100 s: no delay counts
     weighed = event | {"w_hf": Profile.w_hf / SLOWEST["interval"]}
     return {
         "at once": ideal, "arrival": ideal | slow["arrival"],
-        **{name: ideal | case for name, case in mended.items()},
+        **{name: ideal | slow[name] | {"against": "arrival"} for name in mended},
         "event, weight 0.07": ideal | weighed | {"against": "event"},
         "event, model": ideal | model | {"against": "event"},
         f"at once, {me}": {},

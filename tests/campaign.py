@@ -107,9 +107,7 @@ def killed(folder, process, rng, whole):
 
 def all_killed(folder, process, rng, whole):
     """kill -9 of it and of all its workers."""
-    for one in family(process):
-        one.kill()
-    process.kill()
+    end(process)
 
 
 def worker_killed(folder, process, rng, whole):

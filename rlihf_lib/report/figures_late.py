@@ -19,7 +19,7 @@ from rlihf_lib.report import statistics as st
 from rlihf_lib.report.evaluations import RANGES, phase_scores, size, unit_means
 from rlihf_lib.report.figures_policy import AXIS_LABELS
 from rlihf_lib.report.style import SHARE
-from rlihf_lib.report.tables import NO_INTERVAL
+from rlihf_lib.report.tables import NO_INTERVAL, show_value
 
 CONTROL_STEP = 0.1  # s
 RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
@@ -176,8 +176,7 @@ def decoder_policy_figure(
         scores["clearance"] *= 100
         scores = scores.dropna(subset=metric)  # of cans that are placed
         reached = {group: own[metric] for group, own in scores.groupby("group")}
-        rlihf = reached.get("rlihf", scores[metric].iloc[:0])
-        dense = reached.get("dense", scores[metric].iloc[:0])
+        rlihf, dense = (reached.get(group, scores[metric].iloc[:0]) for group in ("rlihf", "dense"))
         ax.axhline(dense.mean(), **style.line_style("dense"), label=style.label("dense"))
         for group in filter(reached.__contains__, CONTROLS):
             look = metric, style.color(group), style.label(group)
@@ -200,11 +199,9 @@ def decoder_policy_figure(
 
 
 def _correlation(found):
-    spread = (
-        f"[{found['ci_low']:.2f}, {found['ci_high']:.2f}]" if np.isfinite(found["ci_low"]) else ""
-    )
-    words = rf"$\rho$ = {found['rho']:.2f}", spread, rf"$p_\mathrm{{Holm}}$ = {found['p_holm']:.2g}"
-    return "\n".join(filter(None, words)).replace("-", "−")
+    rho = show_value("", found["rho"], found["ci_low"], found["ci_high"]).replace(" [", "\n[")
+    words = rf"$\rho$ = {rho}", rf"$p_\mathrm{{Holm}}$ = {found['p_holm']:.2g}"
+    return "\n".join(words).replace("-", "−")
 
 
 def _runs_and_mean(ax, x, scores, metric, shade, label):

@@ -44,7 +44,7 @@ SHARE = (-0.03, 1.03)  # limits of an axis of shares, with room for lines at 0 a
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches of a two-column conference page (ieeeconf, letter)
 SMALL, WIDEST = 7, 18  # pt of the smallest text that journals print; cm of two columns
 RC = {  # on top of seaborn's "paper"
-    "figure.dpi": 100,
+    "figure.dpi": 95,  # on screens, and in executed copies, which stay small
     "savefig.dpi": 300,
     "figure.constrained_layout.use": True,
     "legend.frameon": False,
