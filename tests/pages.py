@@ -85,9 +85,9 @@ def results(study: Study) -> str:
     n_people, n_seeds = len(people), len(study.profile.seeds)
     n_baseline = len(study.profile.seeds_of("dense"))
     by_weight = ", ".join(f"{p.Mid:.2f} / {p.Late:.2f} with {w:g}" for w, p in weights.iterrows())
-    seeds_of_weights = f"seed{'s' * (len(study.profile.ablation_seeds) > 1)} " + ", ".join(
-        map(str, study.profile.ablation_seeds)
-    )
+    fewer = study.profile.ablation_seeds
+    told = f" (seed{'s' * (len(fewer) > 1)} {', '.join(map(str, fewer))})"
+    seeds_of_weights = told if fewer != study.profile.seeds else ""
     accuracy, figures = scores["accuracy_online"], f"figures/{study.name}"
     rows = [
         (
@@ -132,7 +132,7 @@ def results(study: Study) -> str:
         (
             "Fig. 6",
             "weight 0.7 learns fastest",
-            f"mid / late success {by_weight} ({seeds_of_weights}); shown: {larger or 'nothing'}",
+            f"mid / late success {by_weight}{seeds_of_weights}; shown: {larger or 'nothing'}",
             f"{figures}/fig6_whf.png",
             "05",
         ),
