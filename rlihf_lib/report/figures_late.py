@@ -19,7 +19,7 @@ from rlihf_lib.report import statistics as st
 from rlihf_lib.report.evaluations import RANGES, phase_scores, size, unit_means
 from rlihf_lib.report.figures_policy import AXIS_LABELS
 from rlihf_lib.report.style import SHARE
-from rlihf_lib.report.tables import NO_INTERVAL, show_value
+from rlihf_lib.report.tables import NO_INTERVAL
 
 CONTROL_STEP = 0.1  # s
 RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
@@ -199,9 +199,11 @@ def decoder_policy_figure(
 
 
 def _correlation(found):
-    rho = show_value("", found["rho"], found["ci_low"], found["ci_high"]).replace(" [", "\n[")
-    words = rf"$\rho$ = {rho}", rf"$p_\mathrm{{Holm}}$ = {found['p_holm']:.2g}"
-    return "\n".join(words).replace("-", "−")
+    spread = (
+        f"[{found['ci_low']:.2f}, {found['ci_high']:.2f}]" if np.isfinite(found["ci_low"]) else ""
+    )
+    words = rf"$\rho$ = {found['rho']:.2f}", spread, rf"$p_\mathrm{{Holm}}$ = {found['p_holm']:.2g}"
+    return "\n".join(filter(None, words)).replace("-", "−")
 
 
 def _runs_and_mean(ax, x, scores, metric, shade, label):
