@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from rlihf_lib.experiments import EXPERIMENTS, N_CASES, synthetic_tables
+from rlihf_lib.experiments import EXPERIMENTS, N_CASES, made_up_tables
 from rlihf_lib.files import SUMS, check_sums, sha256, write_csv, write_sums
 from rlihf_lib.profiles import Profile
 from rlihf_lib.rl.feedback import p_error_sha256, read_table
@@ -30,7 +30,9 @@ class Beyond:
         self.study, self.runs = study, study.results / "beyond" / "runs"
         self.person = study.median_subject()
         self.seeds, self.sizes = seeds_and_sizes(study.profile)
-        self.p_error = pd.concat([study.feedback(), *synthetic_tables()], ignore_index=True)
+        known = study.feedback()
+        made_up = made_up_tables(known, self.person)
+        self.p_error = pd.concat([known, made_up], ignore_index=True)
 
     @cached_property
     def session(self) -> pd.DataFrame:

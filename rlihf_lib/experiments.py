@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 from scipy.special import expit, logit
+from sklearn.linear_model import LogisticRegression
 
 from rlihf_lib.profiles import Profile
 from rlihf_lib.rl import forms
@@ -20,7 +21,6 @@ from rlihf_lib.rl.timing import Timing
 D_PRIMES = (0.5, 1.0, 1.5, 2.0, 3.0)  # distances of the classes, in standard deviations
 PRIOR = 0.35  # share of errors that synthetic decoders expect
 BIASED = 1.5  # d' of the decoders whose calibration is spoilt
-WEAK = 1.0  # d' of one also heard at a weight at which right and wrong steps differ as at BIASED
 #: How: evidence, log-odds less those of the prior, is multiplied, and something is added to it.
 BIASES = {"blaming": (1, 2), "timid": (0.3, 0)}
 INTERVALS, DELAYS = (1, 3, 10), (0, 3, 8)  # steps of 0.1 s
@@ -28,8 +28,16 @@ SLOWEST = {"interval": 10, "delay": 8}  # an answer a second, 0.8 s late
 BUDGETS = (2_000, 10_000)  # answers in a run, of 60,000 steps
 
 
-def synthetic_tables() -> Iterator[pd.DataFrame]:
-    """Tables of synthetic decoders: by d', and of one d' with its calibration spoilt."""
+def made_up_tables(p_error: pd.DataFrame, person: str) -> pd.DataFrame:
+    """p(error) of synthetic decoders, by d' and with spoilt calibration, and a person's calibrated.
+
+    Runs are named by the hash of their rows: nine digits are the same on every processor.
+    """
+    tables = [*_synthetic_tables(), _calibrated(rows_of(p_error, person))]
+    return pd.concat(tables, ignore_index=True).round({"p_error": 9})
+
+
+def _synthetic_tables() -> Iterator[pd.DataFrame]:
     for d in D_PRIMES:
         yield synthetic_table(d, PRIOR).assign(subject=_synthetic_name(d))
     table = synthetic_table(BIASED, PRIOR)
@@ -39,6 +47,14 @@ def synthetic_tables() -> Iterator[pd.DataFrame]:
         yield table.assign(subject=f"{_synthetic_name(BIASED)}_{name}", p_error=p_error)
 
 
+def _calibrated(rows):
+    """Calibrate p(error) by the labels of the very epochs (Platt 1999): as good as it can get."""
+    evidence = logit(rows[["p_error"]].clip(1e-3, 1 - 1e-3)).to_numpy()
+    fitted = LogisticRegression(C=1e6, solver="newton-cholesky").fit(evidence, rows["label"])
+    name = f"{rows['subject'][0]}_calibrated"
+    return rows.assign(subject=name, p_error=fitted.predict_proba(evidence)[:, 1])
+
+
 def _synthetic_name(d):
     return f"d{d:.1f}"  # people's names have no dot
 
@@ -46,7 +62,7 @@ def _synthetic_name(d):
 def contrast(rows: pd.DataFrame, form: Callable = errp_reward) -> float:
     """By how much more right steps are worth than wrong ones, on average, by rows of p(error)."""
     right, wrong = (
-        form(rows.loc[rows["label"] == label, "p_error"].to_numpy(), 0.0).mean() for label in (0, 1)
+        form(rows.loc[rows["label"] == label, "p_error"].to_numpy()).mean() for label in (0, 1)
     )
     return right - wrong
 
@@ -57,28 +73,28 @@ def _ladder(beyond):
     return {
         "ideal": {"subject": IDEAL}, "constant": {"subject": constant},
         "shuffled": {"subject": shuffled}, **synthetic,
-        f"d' = {WEAK:g}, matched": _matched(beyond, _synthetic_name(WEAK), f"d' = {WEAK:g}"),
     }  # fmt: skip
 
 
-def _matched(beyond, subject, against):
-    """Of p(error) that differs little between right and wrong: the weight that makes up for it."""
-    told, spoilt = (
-        contrast(rows_of(beyond.p_error, one)) for one in (_synthetic_name(BIASED), subject)
-    )
-    weight = float(f"{Profile.w_hf * told / spoilt:.3g}")
-    return {"subject": subject, "w_hf": weight, "against": against}
-
-
 def _bias(beyond):
-    """The same evidence told otherwise, and errors of the decoder that depend on what is done."""
+    """The same evidence told otherwise, and errors of the decoder that depend on what is done.
+
+    A timid decoder tells right from wrong by little: matched is the weight that makes up for it.
+    """
     calibrated = _synthetic_name(BIASED)
-    cases: dict[str, dict] = {"calibrated": {"subject": calibrated}}
-    cases |= {name: {"subject": f"{calibrated}_{name}"} for name in BIASES}
-    cases["timid, matched"] = _matched(beyond, f"{calibrated}_timid", "timid")
-    for watcher in (forms.blind, forms.jumpy):
-        cases[watcher.__name__] = {"subject": calibrated, "observer": watcher}
-    return cases
+    biased = {name: {"subject": f"{calibrated}_{name}"} for name in BIASES}
+    told, spoilt = (contrast(rows_of(beyond.p_error, who))
+                    for who in (calibrated, biased["timid"]["subject"]))  # fmt: skip
+    matched = {"w_hf": _three_digits(Profile.w_hf * told / spoilt), "against": "timid"}
+    return {
+        "calibrated": {"subject": calibrated}, **biased,
+        "timid, matched": biased["timid"] | matched,
+        "jumpy": {"subject": calibrated, "observer": forms.jumpy},
+    }  # fmt: skip
+
+
+def _three_digits(weight):
+    return float(f"{weight:.3g}")  # which name a run's folder
 
 
 def _lateness(beyond):
@@ -95,19 +111,13 @@ def _remedies(beyond):
     credits = ("arrival", "held", "event", "window", "kernel")
     slow = {credit: {"timing": Timing(**SLOWEST, credit=credit)} for credit in credits}
     ideal, event, me = {"subject": IDEAL}, slow["event"], beyond.person
-    slow["kernel, jitter"] = {"timing": Timing(**SLOWEST, jitter=4, credit="kernel")}
-    mended = [name for name in slow if name != "arrival"]
-    budget = beyond.sizes["total_steps"] // SLOWEST["interval"]
-    model = {"asking": Asking(budget, model=True)}  # is fitted every 100 s: no delay counts
-    weighed = event | {"w_hf": Profile.w_hf / SLOWEST["interval"]}
+    jitter = {"timing": Timing(**SLOWEST, jitter=4, credit="kernel"), "against": "kernel"}
     return {
         "at once": ideal, "arrival": ideal | slow["arrival"],
-        **{name: ideal | slow[name] | {"against": "arrival"} for name in mended},
-        "event, weight 0.07": ideal | weighed | {"against": "event"},
-        "event, model": ideal | model | {"against": "event"},
+        **{name: ideal | slow[name] | {"against": "arrival"} for name in credits[1:]},
+        "kernel, jitter": ideal | jitter,
         f"at once, {me}": {},
         f"event, {me}": event | {"against": f"at once, {me}"},
-        f"event, model, {me}": model | {"against": f"event, {me}"},
     }  # fmt: skip
 
 
@@ -116,14 +126,13 @@ def _labels(beyond):
     cases: dict[str, dict] = {
         "every step": {"asking": Asking()}, "every step, model": {"asking": Asking(model=True)}
     }  # fmt: skip
-    budgets = {"each epoch once": {"once": True}} | {f"{n:,}": {"budget": n} for n in BUDGETS}
-    for words, budget in budgets.items():
+    few, many = (f"{n:,}" for n in BUDGETS)
+    for words, budget in (("each epoch once", {"once": True}), (few, {"budget": BUDGETS[0]})):
         model, unsure = (Asking(**budget, model=True, when=when) for when in ("spread", "unsure"))
         cases[f"{words}, model"] = {"asking": model}
         cases[f"{words}, unsure"] = {"asking": unsure, "against": f"{words}, model"}
-    most = f"{BUDGETS[-1]:,}"
-    cases[f"{most}, model"]["against"] = most
-    return cases | {most: {"asking": Asking(BUDGETS[-1])}}
+    cases[many] = {"asking": Asking(BUDGETS[1])}
+    return cases | {f"{many}, model": {"asking": Asking(BUDGETS[1], model=True), "against": many}}
 
 
 def _forms(beyond):
@@ -132,45 +141,30 @@ def _forms(beyond):
     And each at half and at twice this scale; but 0.5 - p, which is 1 - p less a constant, only
     tells how much is luck.
     """
-    rows = rows_of(beyond.p_error, beyond.person)
+    me, calibrated = beyond.person, f"{beyond.person}_calibrated"
     cases: dict[str, dict] = {}
-    for name, form in (
-        ("1 - p", errp_reward), ("0.5 - p", forms.half), ("log-odds", forms.log_odds),
-        ("yes or no", forms.yes_or_no),
+    for name, who, form in (
+        ("1 - p", me, errp_reward), ("0.5 - p", me, forms.half), ("log-odds", me, forms.log_odds),
+        ("yes or no", me, forms.yes_or_no), ("calibrated", calibrated, errp_reward),
     ):  # fmt: skip
-        told = {"feedback": "errp" if form is errp_reward else form}
-        weight = Profile.w_hf * contrast(rows) / contrast(rows, form)
+        told = {"subject": who, "feedback": "errp" if form is errp_reward else form}
+        usual, here = contrast(rows_of(beyond.p_error, me)), rows_of(beyond.p_error, who)
+        weight = Profile.w_hf * usual / contrast(here, form)
         scales = {"": 1.0} if form is forms.half else {"": 1, ", half": 0.5, ", twice": 2}
         for words, scale in scales.items():
-            cases[name + words] = told | {"w_hf": float(f"{scale * weight:.3g}")}
+            cases[name + words] = told | {"w_hf": _three_digits(scale * weight)}
     return cases
 
 
 def _weights(beyond):
-    """Fixed weights, some that change in training, one by doubt, one by how far p(error) spreads.
-
-    The spread needs no labels, and is small where a decoder knows little.
-    """
+    """Fixed weights, two that follow the time, and one that follows the critics' doubt."""
     fixed: dict[str, dict[str, Any]] = {
         f"always {w:g}": {"w_hf": w} for w in sorted(Profile.weights, reverse=True)
     }
-    changing: dict[str, dict[str, Any]] = {
-        **{name: {"schedule": name, "against": "always 0.4"} for name in ("fading", "growing")},
-        "0.5 - p": {"feedback": forms.half},
-        "0.5 - p, by doubt": {"feedback": forms.doubting, "against": "0.5 - p"},
+    changing = {"fading": "fading", "growing": "growing", "by doubt": "doubt"}
+    return fixed | {
+        name: {"schedule": schedule, "against": "always 0.4"} for name, schedule in changing.items()
     }
-    who = weaker(beyond)
-    spread, usual = (rows_of(beyond.p_error, one)["p_error"].std() for one in (who, beyond.person))
-    weight = float(f"{Profile.w_hf * spread / usual:.3g}")
-    theirs = f"always {Profile.w_hf:g}, {who}"
-    by_spread = {"subject": who, "w_hf": weight, "against": theirs}
-    return fixed | {theirs: {"subject": who}} | changing | {f"by spread, {who}": by_spread}
-
-
-def weaker(beyond) -> str:
-    """Name the person a quarter up from the weakest decoder, with whom there is room either way."""
-    ranked = beyond.study.ranked_subjects()
-    return ranked[round((len(ranked) - 1) / 4)]
 
 
 def _observers(beyond):
@@ -182,16 +176,22 @@ def _observers(beyond):
 
 
 def _tiring(beyond):
-    """A session in which the person tires, and a decoder that is, or isn't, kept up to date."""
-    from rlihf_lib.eeg.tiring import PARTS  # imports MNE, so only when asked
+    """A session in which the person tires, at a weight that follows the spread of p(error), or not.
+
+    And with a decoder that is kept up to date.
+    """
+    from rlihf_lib.eeg.tiring import PARTS, STATES  # imports MNE, so only when asked
 
     if beyond.study.eeg != "simulated":
         raise ValueError(f"nobody tires in {beyond.study.eeg_label}: only simulated people do")
-    states: dict[str, dict] = {"rested": {}, "tired": {}, "updated": {"against": "tired"}}
+    rested, tired, updated = (
+        {"subject": f"{beyond.person}_{state}", "session": PARTS} for state in STATES
+    )
+    by_spread = tired | {"schedule": "spread", "against": "tired"}
     return {
-        state: {"subject": f"{beyond.person}_{state}", "session": PARTS, **told}
-        for state, told in states.items()
-    }
+        "rested": rested, "tired": tired, "tired, by spread": by_spread,
+        "updated": updated | {"against": "tired"},
+    }  # fmt: skip
 
 
 #: By name, what the cases of each vary.
@@ -202,8 +202,8 @@ EXPERIMENTS: dict[str, Callable[[Any], dict[str, dict]]] = {
 }  # fmt: skip
 #: Cases of each.
 N_CASES = {
-    "ladder": 9, "bias": 6, "lateness": 9, "remedies": 12, "labels": 9, "forms": 10, "weights": 9,
-    "observers": 5, "tiring": 3,
+    "ladder": 8, "bias": 5, "lateness": 9, "remedies": 9, "labels": 8, "forms": 13, "weights": 6,
+    "observers": 5, "tiring": 4,
 }  # fmt: skip
 
 

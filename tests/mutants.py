@@ -49,7 +49,7 @@ rl/observer | if moment.lost or moment.collided: | if moment.lost:
 rl/observer | self._rng.random() < self.looks_wrong | self._rng.random() > self.looks_wrong
 rl/observer | now[wrong][[ | now[0][[
 rl/timing | return [(now if credit == "arrival" else event, interval)] | return [(now, interval)]
-rl/timing | range(max(event - interval + 1, first), event + 1) | range(event - interval + 1, event + 1)
+rl/timing | range(max(event - interval + 1, first), last + 1) | range(event - interval + 1, last + 1)
 rl/timing | share * (answer - self._paid[step]) | share * answer
 rl/feedback | rows["p_error"].mean() | rows["p_error"].median()
 rl/feedback | evidence + logit(prior)) | evidence)

@@ -88,4 +88,4 @@ def test_every_experiment_has_a_section_a_table_and_a_figure(made_by_hand, capsy
     assert (ladder["apart"].iloc[2:] == "down").all()
     labels = pd.read_csv(study.tables / "labels.csv").query("metric == 'answers'")
     assert sorted(labels["mean"])[:2] == [2000, 3000], "as the runs' provenance says"
-    assert "written back to its event: 75% of the path at once" in capsys.readouterr().out
+    assert "written back to its event: 67% of the path at once" in capsys.readouterr().out

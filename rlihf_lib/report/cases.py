@@ -48,12 +48,12 @@ def case_table(
 
 def show_cases(table: pd.DataFrame) -> pd.DataFrame:
     """Lay `case_table` out as strings, a row per case."""
-    arrows = {"up": " ↑", "down": " ↓", "": ""}
+    arrows, digits = {"up": " ↑", "down": " ↓", "": ""}, {"answers": 0, **DIGITS}
 
     def words(row):
         if not row.n:
             return "–"
-        d, few = DIGITS.get(row.metric, 2), f" (n = {row.n})" if row.n < row.n_runs else ""
+        d, few = digits.get(row.metric, 2), f" (n = {row.n})" if row.n < row.n_runs else ""
         return f"{row.mean:.{d}f} [{row.low:.{d}f}, {row.high:.{d}f}]{arrows[row.apart]}{few}"
 
     shown = table.assign(words=[words(row) for row in table.itertuples()])
@@ -65,11 +65,11 @@ def show_cases(table: pd.DataFrame) -> pd.DataFrame:
     return shown.rename_axis(columns=None).reset_index()
 
 
-def count_answers(late: pd.DataFrame, runs_dir) -> pd.Series:
-    """How many steps of each run people were asked about, from its `provenance.json`."""
+def from_provenance(late: pd.DataFrame, runs_dir, name: str) -> pd.Series:
+    """What the `provenance.json` of each run says of a name, if a list its mean; NaN if nothing."""
     paths = (runs_dir / run / "provenance.json" for run in late["run"])
-    told = [json.loads(path.read_text(encoding="utf-8"))["watched"] for path in paths]
-    return pd.Series(told, late.index, name="answers")
+    told = [json.loads(path.read_text(encoding="utf-8")).get(name, np.nan) for path in paths]
+    return pd.Series([float(np.mean(value)) for value in told], late.index)
 
 
 def motion(recordings: Sequence[Recording]) -> dict[str, float]:

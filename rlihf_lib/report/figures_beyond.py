@@ -72,17 +72,21 @@ def cases_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
 def grid_figure(late: pd.DataFrame, metrics: tuple[str, ...]) -> Figure:
     """Means over the runs of a grid of intervals (down) and delays (across), in s; in numbers.
 
-    Of `beyond.Beyond.late` with the columns interval and delay, in control steps.
+    Below each mean its lowest and highest run. Of `beyond.Beyond.late` with the columns interval
+    and delay, in control steps.
     """
     size = style.PAGE_WIDTH, 2.2
     fig, axes = plt.subplots(1, len(metrics), figsize=size, sharey=True, squeeze=False)
     for ax, metric in zip(axes[0], metrics, strict=True):
-        table = late.pivot_table(metric, "interval", "delay")
+        table, low, high = (
+            late.pivot_table(metric, "interval", "delay", how) for how in ("mean", "min", "max")
+        )
         ax.imshow(table, cmap="Oranges", vmin=0, vmax=1, aspect="auto")
-        for row, column in np.ndindex(table.shape):
-            reached = table.iloc[row, column]
-            shade = "white" if reached > 0.6 else "black"
-            ax.text(column, row, f"{reached:.2f}", ha="center", va="center", color=shade)
+        for at in np.ndindex(table.shape):
+            look = {"ha": "center", "color": "white" if table.iloc[at] > 0.6 else "black"}
+            ax.text(*at[::-1], f"{table.iloc[at]:.2f}", va="bottom", **look)
+            runs = f"{low.iloc[at]:.2f} to {high.iloc[at]:.2f}"
+            ax.text(*at[::-1], runs, va="top", size=style.SMALL, **look)
         ax.set_xticks(
             range(table.shape[1]), [f"{CONTROL_STEP * delay:g}" for delay in table.columns]
         )

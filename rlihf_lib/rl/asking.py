@@ -33,9 +33,8 @@ class Asking:
     budget: int = 0
     """Answers in all; 0 = every step's."""
     once: bool = False
-    """Whether an epoch answers once and then never again: no more than the person's epochs are in
-    the budget, and where those of either class are used up, nothing is asked any more. So few need
-    a model."""
+    """Whether an epoch answers once and then never again: no more answers than the person has
+    epochs of the rarer class, so that none is missing. So few need a model."""
     when: str = "spread"
     """One of `WHEN`: at random over all of training, or where the model is unsure."""
     model: bool = False
@@ -67,14 +66,14 @@ class AskingReward(TrainingReward):
 
             self._model = RewardModel(n_inputs, int(rng.integers(2**31)))
         self._inputs = np.zeros((n, n_inputs), np.float32)
-        self._paid, self._scales = np.zeros((2, n))
+        self._paid, self._scales, self._right = np.zeros((3, n))
         self._asked: list[int] = []  # steps with an answer
         self._answers: list[float] = []
         self._fitted = 0  # of them
         self._mean = 0.5  # of the answers so far
         self._doubts: deque[float] = deque(maxlen=COMPARED)
         most = min(asking.budget or n, n)
-        self.budget = min(most, self.observer.n_epochs) if asking.once else most
+        self.budget = min(most, self.observer.n_fewest) if asking.once else most
         self._rate = self.budget / n
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
@@ -88,22 +87,34 @@ class AskingReward(TrainingReward):
             info["late"] = self._rewrite(now)
         self._inputs[now] = np.concatenate(self._seen)
         self._scales[now] = self.w_hf * (self._discounts.sum() if terminated else 1.0)
+        self._right[now] = 1 - self.observer.looks_wrong(moment)
         self._paid[now], doubt = self._mean, None
         if self._fitted:
             (self._paid[now],), (doubt,) = self._model.predict(self._inputs[now : now + 1])
         wanted = self._is_wanted(doubt if self.asking.when == "unsure" else None)
         if wanted and len(self._asked) < self.budget:
-            answers = self.feedback(self.observer.watch(moment))
-            if not len(answers):
-                self.budget = len(self._asked)  # epochs of this class are used up
-            for answer in answers.tolist():
-                self._asked.append(now)
-                self._answers.append(answer)
-                self._mean += (answer - self._mean) / len(self._answers)
-                if not self.asking.model:
-                    self._paid[now] = self._mean + (answer - self._mean) / self._rate
+            (answer,) = map(float, self.feedback(self.observer.watch(moment)))
+            self._asked.append(now)
+            self._answers.append(answer)
+            self._mean += (answer - self._mean) / len(self._answers)
+            if not self.asking.model:
+                self._paid[now] = self._mean + (answer - self._mean) / self._rate
         reward = task_reward(moment, self.discount) + self._scales[now] * self._paid[now]
         return observation, reward, terminated, truncated, info
+
+    def notes(self) -> dict[str, float]:
+        """How right the model is, over the last third of the steps: what is paid against P(right).
+
+        "model_r" is their correlation, "model_contrast" by how much more is paid for a step that is
+        right than for one that is wrong (slope of the regression).
+        """
+        late = slice(2 * self._steps // 3, self._steps)
+        paid, right = self._paid[late], self._right[late]
+        if not self.asking.model or np.ptp(paid) == 0 or np.ptp(right) == 0:
+            return {}
+        (_, covariance), (_, variance) = np.cov(paid, right)
+        r = float(np.corrcoef(paid, right)[0, 1])
+        return {"model_r": round(r, 4), "model_contrast": round(float(covariance / variance), 4)}
 
     def _is_wanted(self, doubt):
         """Draw a share of all steps, or, by a doubt, take that of the most doubtful ones."""

@@ -7,28 +7,26 @@ from rlihf_lib.rl.observer import SURE_PROGRESS, comfort, path_observer, progres
 from rlihf_lib.task.moment import Moment
 
 
-def half(p_error: np.ndarray, doubt: float) -> np.ndarray:
+def half(p_error: np.ndarray) -> np.ndarray:
     """Feedback about zero: 0.5 - p."""
     return 0.5 - p_error
 
 
-def log_odds(p_error: np.ndarray, doubt: float) -> np.ndarray:
-    """Feedback by the evidence: log-odds of being right, at most 3 either way."""
-    return np.clip(-logit(np.clip(p_error, 1e-3, 1 - 1e-3)), -3, 3)
+def log_odds(p_error: np.ndarray) -> np.ndarray:
+    """Feedback by the evidence: log-odds of being right, as if no p were below .001 or above .999.
+
+    So it has hardly a bound: a sure answer counts several times as much as a likely one.
+    """
+    return -logit(np.clip(p_error, 1e-3, 1 - 1e-3))
 
 
-def yes_or_no(p_error: np.ndarray, doubt: float) -> np.ndarray:
+def yes_or_no(p_error: np.ndarray) -> np.ndarray:
     """Feedback by the decision alone: 1 if p is below one half, else 0.
 
     Corrected for known confusions (Wang, Liu & Li 2020, arXiv 1810.01032) it is the same times a
     factor and plus a constant.
     """
     return (p_error < 0.5) * 1.0
-
-
-def doubting(p_error: np.ndarray, doubt: float) -> np.ndarray:
-    """Feedback about zero that counts as far as the critics disagree, fully from a tenth on."""
-    return min(10 * doubt, 1.0) * half(p_error, doubt)
 
 
 def planner(moment: Moment) -> float:
@@ -54,11 +52,6 @@ def hates_speed(moment: Moment) -> float:
         return 0.0
     slow = moment.moved <= SURE_PROGRESS
     return 1.0 - progress(moment, SURE_PROGRESS / 2) * comfort(moment.clearance) * slow
-
-
-def blind(moment: Moment) -> float:
-    """P(wrong) by the path, of which half is missed while the can is held."""
-    return path_observer(moment) * (0.5 if moment.grasped else 1.0)
 
 
 def jumpy(moment: Moment) -> float:

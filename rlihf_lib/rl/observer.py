@@ -79,8 +79,8 @@ class Observer:
     ----------
     share : float
         How much of training is over.
-    n_epochs, watched, errors_seen : int
-        Rows there are; moments seen so far; those that looked wrong.
+    n_fewest, watched, errors_seen : int
+        Rows of the class that has fewer; moments seen so far; those that looked wrong.
     """
 
     def __init__(
@@ -88,8 +88,9 @@ class Observer:
         once=False,
     ):  # fmt: skip
         self._p, self._epochs = p_error["p_error"].to_numpy(), p_error["epoch"].to_numpy()
-        labels, self.n_epochs = p_error["label"].to_numpy(), len(p_error)
-        pieces = np.array_split(np.arange(self.n_epochs), parts)
+        labels = p_error["label"].to_numpy()
+        self.n_fewest = min((labels == label).sum() for label in (0, 1))
+        pieces = np.array_split(np.arange(len(labels)), parts)
         self._rows = [[rows[labels[rows] == label] for label in (0, 1)] for rows in pieces]
         for label, name in enumerate(("correct", "error")):
             if not all(len(by_class[label]) for by_class in self._rows):
@@ -102,10 +103,7 @@ class Observer:
         self.share, self.watched, self.errors_seen = 0.0, 0, 0
 
     def watch(self, moment: Moment, n: int = 1) -> np.ndarray:
-        """Answer a moment of `n` control steps by p(error), (n,), of epochs it evokes, Eq. (3).
-
-        By fewer where epochs answer once and are used up.
-        """
+        """Answer a moment of `n` control steps by p(error), (n,), of epochs it evokes, Eq. (3)."""
         wrong = int(self._rng.random() < self.looks_wrong(moment))
         self.watched += 1
         self.errors_seen += wrong

@@ -7,7 +7,7 @@ from rlihf_lib.rl.sac.networks import StackedCritic
 
 N_NETWORKS, HIDDEN, LEARNING_RATE = 5, (64, 64), 1e-3
 UPDATES, PASSES, BATCH = 200, 20, 256  # of Adam in a fit, at most; over few answers
-INPUT_NOISE = 0.1  # standard deviation, on what networks are fitted to, as the critics'
+INPUT_NOISE = 0.1  # standard deviation, on observations and actions that they are fitted to
 
 
 class RewardModel:

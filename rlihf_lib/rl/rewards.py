@@ -8,7 +8,6 @@ finished task. As feedback is never negative, it would otherwise be a reason not
 keep away from a can that may fall over.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -49,15 +48,13 @@ def alignment_reward(moment: Moment) -> float:
 REWARDS = {"path": alignment_reward}
 
 
-def errp_reward(p_error: np.ndarray, doubt: float = 0.0) -> np.ndarray:
+def errp_reward(p_error: np.ndarray) -> np.ndarray:
     """Implicit human feedback, Eq. (4): r = 1 - p(error).
 
     Parameters
     ----------
     p_error : ndarray, shape (n,), or float
         Decoded probability, in [0, 1], that the observer perceived an error.
-    doubt : float
-        Of the critics about the step (`TrainingReward.doubt`), on which other forms depend.
 
     Returns
     -------
@@ -88,14 +85,8 @@ def evaluation_reward(moment: Moment, path) -> float:
 class TrainingReward(gym.Wrapper):
     """Replace the reward of a `PickPlaceEnv` by that of a condition: "sparse", "dense" or "rlihf".
 
-    "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times `feedback(p_error,
-    doubt)` of an `Observer`, whose answers the others leave alone. `discount` is the learner's.
-
-    Attributes
-    ----------
-    doubt : callable
-        How far apart the critics are about an observation and an action, relative to their values;
-        the learner is told where there is one.
+    "dense" adds `engineered(moment)` to the task reward, "rlihf" `w_hf` times `feedback(p_error)`
+    of an `Observer`, whose answers the others leave alone. `discount` is the learner's.
     """
 
     def __init__(
@@ -105,16 +96,13 @@ class TrainingReward(gym.Wrapper):
         super().__init__(env)
         self.condition, self.discount = condition, discount
         self.w_hf, self.observer, self.engineered = w_hf, observer, engineered
-        self._feedback, self._steps, self._total_steps = feedback, 0, total_steps
+        self.feedback, self._steps, self._total_steps = feedback, 0, total_steps
         self._discounts = discount ** np.arange(AFTERWARDS)
-        self.doubt: Callable = lambda observation, action: 0.0
         self._seen: tuple = ()  # observation and action of the last step
 
-    def feedback(self, p_error: np.ndarray) -> np.ndarray:
-        """Return what p(error), (n,), is worth now."""
-        if self._feedback is errp_reward or not self._seen:  # without asking the critics
-            return self._feedback(p_error, 0.0)
-        return self._feedback(p_error, self.doubt(*self._seen))
+    def notes(self) -> dict[str, Any]:
+        """What there is to say of the run in its provenance."""
+        return {}
 
     def advance(self, action) -> tuple:
         """Advance the task one step."""

@@ -14,7 +14,8 @@ step's would be, so that all ways to credit it pay the same in the long run:
     It is written back to the step that was answered, which a replay buffer makes possible: with EEG
     the event's time is known to the millisecond.
 "window"
-    It is written back to all steps since the event before it, as if each had been answered so.
+    It is written back to all steps since the event before it, as if each had been answered so, and
+    that of an episode's last event to the steps after it, too.
 "kernel"
     It is written back, as if only the mean delay were known, to the steps of the event's episode
     about that time: weights fall linearly to nothing at `interval` steps before and after (after
@@ -81,6 +82,8 @@ class LateReward(TrainingReward):
             if now % timing.interval == 0:
                 (answer,) = map(float, self.feedback(self.observer.watch(moment)))
                 wait = timing.delay + int(self._rng.integers(timing.jitter + 1))
+                if timing.credit == "window":  # whether it was the last one must be known
+                    wait = max(wait, timing.interval - 1)
                 self._due.setdefault(now + wait, []).append((now, first, answer))
         answers = self._due.pop(now, [])
         for *_, answer in answers:
@@ -89,7 +92,8 @@ class LateReward(TrainingReward):
         self._paid.append(self._held if timing.credit == "held" else self._sum / self._n)
         late: dict[int, float] = {}
         for event, first, answer in answers:
-            for step, share in self._credited(now, event, first):
+            over = terminated or truncated or first < now + 1 - task.steps
+            for step, share in self._credited(now, event, first, over):
                 amount = share * (answer - self._paid[step])
                 late[step] = late.get(step, 0.0) + self.w_hf * amount
         if terminated:
@@ -101,15 +105,19 @@ class LateReward(TrainingReward):
             info["late"] = now - np.array(list(late)), np.array(list(late.values()))
         return observation, reward, terminated, truncated, info
 
-    def _credited(self, now, event, first):
-        """Steps that an answer is credited to, and how many times each gets it."""
+    def _credited(self, now, event, first, over):
+        """Steps that an answer is credited to, and how many times each gets it.
+
+        `first` is that of the event's episode, which is `over`, or not.
+        """
         interval, credit = self.timing.interval, self.timing.credit
         if credit == "held":
             return []
         if credit in ("arrival", "event"):
             return [(now if credit == "arrival" else event, interval)]
         if credit == "window":
-            return [(step, 1) for step in range(max(event - interval + 1, first), event + 1)]
+            last = self._last[first] if over and self._last[first] < event + interval else event
+            return [(step, 1) for step in range(max(event - interval + 1, first), last + 1)]
         guess = now - self.timing.delay - self.timing.jitter / 2
         episode = np.arange(first, self._last[first] + 1)
         weights = np.maximum(interval - np.abs(episode - guess), 0)

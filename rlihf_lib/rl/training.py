@@ -133,12 +133,11 @@ def training_reward(env, config: RunConfig, rows, rng, decode=None) -> TrainingR
     return TrainingReward(env, *told)
 
 
-def _doubt(model, observation, action):
-    """How far apart the critics are about a step, relative to their values."""
-    told = (torch.as_tensor(x, dtype=torch.float32)[None] for x in (observation, action))
+def _doubt(model, *steps):
+    """How far apart the critics are about steps, relative to their values, on average."""
     with torch.no_grad():
-        first, second = map(float, model.critic(*told))
-    return abs(first - second) / (1 + abs(first + second) / 2)
+        first, second = model.critic(*(torch.as_tensor(x, dtype=torch.float32) for x in steps))
+    return float(((first - second).abs() / (1 + (first + second).abs() / 2)).mean())
 
 
 def train_run(
@@ -174,7 +173,8 @@ def train_run(
     env = training_reward(task, config, rows, np.random.default_rng(watching), decode)
     env.reset(seed=int(placement % EVALUATION_SEEDS))
     model = make_sac(env, config.sac, int(learning), LOG_EVERY)
-    env.doubt = partial(_doubt, model)
+    if isinstance(env, ScheduledReward):
+        env.doubt = partial(_doubt, model)
     record = _Record(config, env.observer, progress)
     try:
         model.learn(config.total_steps, callback=record)
@@ -186,6 +186,7 @@ def train_run(
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
         "errors_seen": env.observer.errors_seen if env.observer else 0,
         "watched": env.observer.watched if env.observer else 0,
+        **env.notes(),
     }
     texts = {
         "config.json": canonical_json({**config.to_dict(), "hash": config.hash}) + "\n",

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlihf_lib.report.cases import case_table, count_answers, motion, show_cases
+from rlihf_lib.report.cases import case_table, from_provenance, motion, show_cases
 from rlihf_lib.rl.evaluation import Recording
 
 
@@ -31,11 +31,14 @@ def test_cases_are_apart_where_no_run_of_one_reaches_any_of_the_other():
     assert set(shown["clearance (m)"]) == {"–"}, "nobody places the can"
 
 
-def test_answers_are_those_that_the_runs_tell_of(tmp_path):
-    (tmp_path / "one").mkdir()
-    (tmp_path / "one" / "provenance.json").write_text(json.dumps({"watched": 480}))
-    late = pd.DataFrame({"run": ["one"]}, [7])
-    assert count_answers(late, tmp_path).to_dict() == {7: 480}
+def test_answers_and_weights_are_those_that_the_runs_tell_of(tmp_path):
+    for run, told in (("one", {"watched": 480}), ("two", {"watched": 60, "shares": [1, 0.5]})):
+        (tmp_path / run).mkdir()
+        (tmp_path / run / "provenance.json").write_text(json.dumps(told))
+    late = pd.DataFrame({"run": ["one", "two"]}, [7, 8])
+    assert from_provenance(late, tmp_path, "watched").to_dict() == {7: 480, 8: 60}
+    shares = from_provenance(late, tmp_path, "shares")
+    assert np.isnan(shares[7]) and shares[8] == 0.75
 
 
 def test_a_hand_that_trembles_is_less_smooth_however_far_it_goes():

@@ -60,10 +60,11 @@ def test_the_budget_is_spent_evenly_over_training(workspace):
 
 def test_an_epoch_answers_once_and_then_never_again(workspace):
     table = synthetic_table(1.5, 0.35, n=50)
-    env, actions, _ = played(workspace, Asking(once=True, model=True), 400, table)
-    right = (actions[env._asked, 2] > 0).sum()
-    assert max(right, len(env._asked) - right) == 50, "until one class is used up"
-    assert env._asked[-1] < 399 and env.budget == len(env._asked), "then nothing is asked"
+    table = table.drop(index=range(10))  # of the correct ones
+    env, *_ = played(workspace, Asking(once=True, model=True), 400, table)
+    assert env.budget == 40, "as many as there are of the rarer class"
+    assert 30 <= len(env._asked) <= 40
+    assert np.histogram(env._asked, 2, (0, 400))[0].min() >= 10, "not only at the beginning"
     answers, rows = 1 - np.array(env._answers), table["p_error"].to_numpy()
     counts = [np.isclose(answers, p).sum() <= np.isclose(rows, p).sum() for p in rows]
     assert all(counts), "no epoch has answered twice"
@@ -74,6 +75,7 @@ def test_without_a_model_only_asked_steps_know_better_than_the_mean(workspace):
     asked, right = np.isin(np.arange(3_200), env._asked), actions[:, 2] > 0
     assert ((paid[asked] > W / 2) == right[asked]).all()
     assert np.ptp(paid[~asked][-300:]) < 0.05
+    assert env.notes() == {}
     contrast = paid[right].mean() - paid[~right].mean()
     assert contrast == pytest.approx(W, rel=0.15), "as large as if every step were asked about"
 
@@ -81,10 +83,16 @@ def test_without_a_model_only_asked_steps_know_better_than_the_mean(workspace):
 @pytest.mark.parametrize("when", ["spread", "unsure"])
 def test_a_model_of_few_noisy_answers_pays_for_all_steps(workspace, when):
     asking = Asking(budget=500, when=when, model=True)
-    _, actions, paid = played(workspace, asking, 3 * REFIT + 1, synthetic_table(1.5, 0.35))
+    env, actions, paid = played(workspace, asking, 3 * REFIT + 1, synthetic_table(1.5, 0.35))
     right = actions[:, 2] > 0
     assert (paid[right] > np.median(paid)).mean() > 0.9
     assert (paid[~right] < np.median(paid)).mean() > 0.9
+    late = slice(2 * len(paid) // 3, None)
+    says = env.notes()
+    r = np.corrcoef(paid[late], right[late])[0, 1]
+    assert says["model_r"] == pytest.approx(r, abs=0.02) and r > 0.7
+    apart = paid[late][right[late]].mean() - paid[late][~right[late]].mean()
+    assert W * says["model_contrast"] == pytest.approx(apart, abs=0.02)
 
 
 def test_a_model_doubts_what_it_has_not_seen():

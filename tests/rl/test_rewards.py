@@ -67,20 +67,13 @@ def test_feedback_goes_on_after_the_can_has_fallen_or_stands_on_the_goal():
     assert terminated and placed == pytest.approx((1 + 0.7 * 0.75) / (1 - 0.96), rel=0.02)
 
 
-def test_what_an_answer_is_worth_may_depend_on_what_the_critics_know_of_the_step():
+def test_what_an_answer_is_worth_may_be_said_by_a_function_of_the_reader():
     table = pd.DataFrame({"epoch": [0, 1], "label": [0, 1], "p_error": [0.2, 0.2]})
     observer = Observer(table, np.random.default_rng(0))
-    doubting = {"feedback": lambda p, doubt: doubt * (1 - p)}
-    env = TrainingReward(PickPlaceEnv(HORIZON), "rlihf", 0.9, 0.5, observer, **doubting)
-    seen, _ = env.reset(seed=0)
-    assert env.step(np.zeros(4))[1] == 0, "nobody is there to doubt"
-    asked = []
-    env.doubt = lambda observation, action: asked.append((observation, action)) or 0.5
-    seen, _ = env.reset(seed=0)
-    assert env.step(np.ones(4))[1] == pytest.approx(0.5 * 0.5 * 0.8)
-    ((observation, action),) = asked
-    np.testing.assert_array_equal(observation, seen)
-    np.testing.assert_array_equal(action, np.ones(4))
+    told = PickPlaceEnv(HORIZON), "rlihf", 0.9, 0.5, observer
+    env = TrainingReward(*told, feedback=lambda p_error: 3 * p_error)
+    env.reset(seed=0)
+    assert env.step(np.zeros(4))[1] == pytest.approx(0.5 * 3 * 0.2)
 
 
 def test_evaluation_reward_of_standing_still_is_zero_and_of_success_is_one():

@@ -73,10 +73,17 @@ def test_no_answer_is_credited_to_another_episode():
     timing = Timing(interval=10, delay=2, credit="window")
     np.testing.assert_allclose(
         rewards(timing, resets=[reset])[reset : reset + 6],
-        rewards(timing, resets=[reset], steps=STEPS - 10)[reset : reset + 6],
+        rewards(timing, resets=[reset], steps=STEPS - 3)[reset : reset + 6],
     )
-    paid = rewards(timing, resets=[reset])
-    assert paid[24] not in (0, W), "answered by nobody: the event at 30 is of the next episode"
+
+
+@pytest.mark.parametrize("reset", [35, 38, 39])
+def test_windows_leave_out_no_step_of_an_episode(reset):
+    timing = Timing(interval=10, delay=8, credit="window")
+    paid, at_once = (rewards(t, steps=60, resets=[reset]) for t in (timing, None))
+    assert (at_once[30], at_once[40]) == pytest.approx((W, 0))
+    np.testing.assert_allclose(paid[30:reset], W, atol=1e-12)  # the event at 30 was the last one
+    np.testing.assert_allclose(paid[reset:41], 0, atol=1e-12)  # of the next, as at 40
 
 
 @pytest.mark.parametrize("jitter", [0, 40])
