@@ -30,20 +30,24 @@ class Beyond:
         self.study, self.runs = study, study.results / "beyond" / "runs"
         self.person = study.median_subject()
         self.seeds, self.sizes = seeds_and_sizes(study.profile)
-        known = study.feedback()
+
+    @cached_property
+    def p_error(self) -> pd.DataFrame:
+        """p(error) of the study's people and controls, and of decoders that are made up."""
+        known = self.study.feedback()
         made_up = made_up_tables(known, self.person)
-        self.p_error = pd.concat([known, made_up], ignore_index=True)
+        return pd.concat([known, made_up], ignore_index=True)
 
     @cached_property
     def session(self) -> pd.DataFrame:
         """p(error) over a session in which the person tires; only simulated people can."""
         # Imports MNE, so only when asked.
         from rlihf_lib.eeg.loso import load_decoder
-        from rlihf_lib.eeg.tiring import session_table
+        from rlihf_lib.eeg.tiring import SETTINGS, session_table
 
         # A decoder trained anew decodes anew.
-        decoder = sha256((self.study.decoder / SUMS).read_bytes())[:8]
-        folder = self.runs.parent / f"session-{self.person}-{decoder}"
+        made_from = sha256((self.study.decoder / SUMS).read_bytes() + repr(SETTINGS).encode())
+        folder = self.runs.parent / f"session-{self.person}-{made_from[:8]}"
         if not check_sums(folder):
             table = session_table(self.person, load_decoder(self.study.decoder, self.person))
             write_csv(folder / "p_error.csv", table)

@@ -9,7 +9,6 @@ from typing import Any
 
 import pandas as pd
 from scipy.special import expit, logit
-from sklearn.linear_model import LogisticRegression
 
 from rlihf_lib.profiles import Profile
 from rlihf_lib.rl import forms
@@ -49,8 +48,10 @@ def _synthetic_tables() -> Iterator[pd.DataFrame]:
 
 def _calibrated(rows):
     """Calibrate p(error) by the labels of the very epochs (Platt 1999): as good as it can get."""
+    from sklearn.linear_model import LogisticRegression  # slow to import, so only when asked
+
     evidence = logit(rows[["p_error"]].clip(1e-3, 1 - 1e-3)).to_numpy()
-    fitted = LogisticRegression(C=1e6, solver="newton-cholesky").fit(evidence, rows["label"])
+    fitted = LogisticRegression(C=1e3, solver="newton-cholesky").fit(evidence, rows["label"])
     name = f"{rows['subject'][0]}_calibrated"
     return rows.assign(subject=name, p_error=fitted.predict_proba(evidence)[:, 1])
 

@@ -90,7 +90,7 @@ def test_forms_of_feedback_tell_right_from_wrong_by_as_much(beyond):
     for case, (config, *_) in beyond.cases("forms").items():
         if case.endswith(("half", "twice")):
             continue
-        form = config.feedback if callable(config.feedback) else lambda p, *_: 1 - p
+        form = config.feedback if callable(config.feedback) else lambda p: 1 - p
         own = beyond.p_error[beyond.p_error["subject"] == config.subject]
         assert config.subject == beyond.person or case == "calibrated"
         rows = own.reset_index()

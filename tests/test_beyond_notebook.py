@@ -52,7 +52,7 @@ def made_by_hand(tmp_path, monkeypatch):
                 texts = {
                     "eval.csv": table.to_csv(index=False),
                     "config.json": canonical_json({**config.to_dict(), "hash": config.hash}),
-                    "provenance.json": json.dumps({"watched": 1000 * (place + 1)}),
+                    "provenance.json": json.dumps({"asked": 1000 * (place + 1)}),
                 }
                 files = {file: text.encode() for file, text in texts.items()}
                 write_run(config, beyond.runs, files | {ACTOR: actor})

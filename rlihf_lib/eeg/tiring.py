@@ -26,6 +26,7 @@ PARTS, STATES = 5, ("rested", "tired", "updated")  # of the session; of who is d
 N_LABELLED = 40  # events of each part, others in each
 SMALLEST, LATEST = 0.7, 0.1  # at its end: amplitude, relative to the first part's; s added
 LEARNING_RATE = 1e-3  # of the update
+SETTINGS = N_LABELLED, SMALLEST, LATEST, LEARNING_RATE
 
 
 def session_table(subject: str, decoder) -> pd.DataFrame:

@@ -23,21 +23,22 @@ CASES = (
 
 
 def case_table(
-    late: pd.DataFrame, metrics: Iterable[str], against: Mapping[str, str]
+    late: pd.DataFrame, metrics: Iterable[str], against: Mapping[str, str], told: Iterable[str] = ()
 ) -> pd.DataFrame:
-    """Summarise `beyond.Beyond.late`, a row per case and metric.
+    """Summarise `beyond.Beyond.late`, a row per case and metric, and what is told beside.
 
     Columns case, against (the case it is compared with: by the mapping, else the first), metric,
     n_runs, n (those that have a value), mean, low and high (of the runs), apart: "up" or "down" if
-    all runs are above or below all of the other case's, else empty, also where a run has no value.
+    all runs are above or below all of the other case's, else empty, also where a run has no value
+    and for what is told: columns that are no outcome.
     """
     rows = []
-    for metric in metrics:
+    for metric in (*told, *metrics):
         runs = {case: own[metric] for case, own in late.groupby("case", observed=True)}
         for case, scores in runs.items():
             beside = against.get(case, next(iter(runs)))
             other, apart = runs[beside], ""
-            if scores.notna().all() and other.notna().all():
+            if metric not in told and scores.notna().all() and other.notna().all():
                 apart = "up" if scores.min() > other.max() else apart
                 apart = "down" if scores.max() < other.min() else apart
             row = {"case": case, "against": "" if beside == case else beside, "metric": metric}
@@ -65,11 +66,16 @@ def show_cases(table: pd.DataFrame) -> pd.DataFrame:
     return shown.rename_axis(columns=None).reset_index()
 
 
-def from_provenance(late: pd.DataFrame, runs_dir, name: str) -> pd.Series:
-    """What the `provenance.json` of each run says of a name, if a list its mean; NaN if nothing."""
+def from_provenance(late: pd.DataFrame, runs_dir, name: str, last: float = 1.0) -> pd.Series:
+    """What the `provenance.json` of each run says of a name; NaN if nothing.
+
+    Of a list the mean over the last share of it.
+    """
     paths = (runs_dir / run / "provenance.json" for run in late["run"])
     told = [json.loads(path.read_text(encoding="utf-8")).get(name, np.nan) for path in paths]
-    return pd.Series([float(np.mean(value)) for value in told], late.index)
+    lists = [np.atleast_1d(value) for value in told]
+    means = [float(np.mean(values[-round(last * len(values)) :])) for values in lists]
+    return pd.Series(means, late.index)
 
 
 def motion(recordings: Sequence[Recording]) -> dict[str, float]:

@@ -23,7 +23,7 @@ from rlihf_lib.rl.rewards import TrainingReward, task_reward
 
 WHEN = ("spread", "unsure")
 REFIT = 1_000  # steps between fits of the model
-COMPARED = 200  # last steps among which a step is unsure, or not
+COMPARED = 200  # last steps, at least, among which a step is unsure, or not
 
 
 @dataclass(frozen=True)
@@ -71,10 +71,11 @@ class AskingReward(TrainingReward):
         self._answers: list[float] = []
         self._fitted = 0  # of them
         self._mean = 0.5  # of the answers so far
-        self._doubts: deque[float] = deque(maxlen=COMPARED)
         most = min(asking.budget or n, n)
         self.budget = min(most, self.observer.n_fewest) if asking.once else most
         self._rate = self.budget / n
+        # Of fewer steps than a few answers are apart even the most doubtful one may be sure.
+        self._doubts: deque[float] = deque(maxlen=max(COMPARED, round(5 / self._rate)))
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Advance one step; its reward is what is known of it now."""
@@ -106,15 +107,17 @@ class AskingReward(TrainingReward):
         """How right the model is, over the last third of the steps: what is paid against P(right).
 
         "model_r" is their correlation, "model_contrast" by how much more is paid for a step that is
-        right than for one that is wrong (slope of the regression).
+        right than for one that is wrong (slope of the regression). "asked": steps with an answer.
         """
+        asked: dict[str, float] = {"asked": len(self._asked)}
         late = slice(2 * self._steps // 3, self._steps)
         paid, right = self._paid[late], self._right[late]
         if not self.asking.model or np.ptp(paid) == 0 or np.ptp(right) == 0:
-            return {}
+            return asked
         (_, covariance), (_, variance) = np.cov(paid, right)
         r = float(np.corrcoef(paid, right)[0, 1])
-        return {"model_r": round(r, 4), "model_contrast": round(float(covariance / variance), 4)}
+        known = {"model_r": r, "model_contrast": float(covariance / variance)}
+        return asked | {name: round(value, 4) for name, value in known.items()}
 
     def _is_wanted(self, doubt):
         """Draw a share of all steps, or, by a doubt, take that of the most doubtful ones."""

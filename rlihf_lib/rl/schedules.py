@@ -4,7 +4,9 @@ It follows the time ("fading", "growing"), the critics ("doubt": as far apart as
 need no help where they agree) or the decoder ("spread": p(error) of a decoder that knows less lies
 closer together, which takes no labels to see). A replay buffer keeps a reward as it was when it was
 stored, so that weights of long ago would live on in every update. Here what feedback is worth in
-memory is written anew, too.
+memory is written anew, too. But where the decoder is what changes, answers keep the weight of their
+time, for that is how good they are. So by the spread it is the weight of what they are above or
+below one half: steps of no time are paid more than those of another.
 """
 
 from collections.abc import Callable
@@ -32,8 +34,8 @@ SCHEDULES: dict[str, Callable[[float, float, float], float]] = {
 class ScheduledReward(TrainingReward):
     """`TrainingReward` of condition "rlihf" whose weight follows one of `SCHEDULES`.
 
-    `info["late"]` holds what earlier steps' feedback changes by when the weight does: how many
-    steps ago they were, and by how much.
+    `info["late"]` holds what earlier steps' feedback changes by when the weight does, unless it
+    follows the spread: how many steps ago they were, and by how much.
 
     Attributes
     ----------
@@ -44,7 +46,7 @@ class ScheduledReward(TrainingReward):
 
     def __init__(self, env, *arguments, schedule: str):
         super().__init__(env, *arguments)
-        self._schedule = SCHEDULES[schedule]
+        self._schedule, self._lasts = SCHEDULES[schedule], schedule == "spread"
         self.doubt: Callable = lambda observations, actions: DOUBTFUL
         self._counts = [self._schedule(0.0, DOUBTFUL, 1.0)]  # shares of the weight, in their order
         self._worth: list[float] = []  # of each step's feedback at the whole weight
@@ -57,13 +59,15 @@ class ScheduledReward(TrainingReward):
         before = len(self._worth)
         if before and before % RENEWED == 0:
             change = self._renew(before / self._total_steps)
-            info["late"] = before - np.arange(before), change * np.array(self._worth)
+            if not self._lasts:
+                info["late"] = before - np.arange(before), change * np.array(self._worth)
         reward, p_error = self.judge(info["moment"])
         task = task_reward(info["moment"], self.discount)
         self._worth.append(reward - task)
         self._p_error.append(p_error)
         self._recent.append(self._seen)
-        reward = task + self._counts[-1] * (reward - task)
+        level = self._lasts * self.w_hf / 2 * (self._discounts.sum() if terminated else 1.0)
+        reward = task + level + self._counts[-1] * (self._worth[-1] - level)
         return observation, reward, terminated, truncated, info
 
     def _renew(self, share):

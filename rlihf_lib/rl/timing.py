@@ -15,7 +15,8 @@ step's would be, so that all ways to credit it pay the same in the long run:
     the event's time is known to the millisecond.
 "window"
     It is written back to all steps since the event before it, as if each had been answered so, and
-    that of an episode's last event to the steps after it, too.
+    that of an episode's last event to the steps after it, too: once it is known whether it was the
+    last, `interval` steps after the event at the earliest.
 "kernel"
     It is written back, as if only the mean delay were known, to the steps of the event's episode
     about that time: weights fall linearly to nothing at `interval` steps before and after (after
@@ -82,8 +83,8 @@ class LateReward(TrainingReward):
             if now % timing.interval == 0:
                 (answer,) = map(float, self.feedback(self.observer.watch(moment)))
                 wait = timing.delay + int(self._rng.integers(timing.jitter + 1))
-                if timing.credit == "window":  # whether it was the last one must be known
-                    wait = max(wait, timing.interval - 1)
+                if timing.credit == "window":
+                    wait = max(wait, timing.interval)
                 self._due.setdefault(now + wait, []).append((now, first, answer))
         answers = self._due.pop(now, [])
         for *_, answer in answers:

@@ -16,7 +16,10 @@ def test_cases_are_apart_where_no_run_of_one_reaches_any_of_the_other():
                         columns=["case", "success"])  # fmt: skip
     late["case"] = pd.Categorical(late["case"], list(scores))
     late = late.assign(clearance=np.nan, speed=[0.1, 0.1, 0.2, np.nan] + 4 * [0.3])
-    table = case_table(late, ("success", "clearance", "speed"), {"among": "above"})
+    late["weight"] = late["success"]
+    metrics = "success", "clearance", "speed"
+    table = case_table(late, metrics, {"among": "above"}, told=("weight",))
+    assert set(table.query("metric == 'weight'")["apart"]) == {""}, "which is no outcome"
     success = table.query("metric == 'success'").set_index("case")
     assert success["apart"].to_dict() == {
         "first": "", "above": "up", "below": "down", "among": "down",
@@ -39,6 +42,7 @@ def test_answers_and_weights_are_those_that_the_runs_tell_of(tmp_path):
     assert from_provenance(late, tmp_path, "watched").to_dict() == {7: 480, 8: 60}
     shares = from_provenance(late, tmp_path, "shares")
     assert np.isnan(shares[7]) and shares[8] == 0.75
+    assert from_provenance(late, tmp_path, "shares", last=0.5)[8] == 0.5
 
 
 def test_a_hand_that_trembles_is_less_smooth_however_far_it_goes():

@@ -58,6 +58,12 @@ def test_the_budget_is_spent_evenly_over_training(workspace):
     assert len(env._asked) == 1_000 and env._asked[-1] < 1_199, "then nothing is asked"
 
 
+def test_doubt_spends_a_small_budget_evenly_too(workspace):
+    asking = Asking(budget=30, when="unsure", model=True)
+    env, *_ = played(workspace, asking, 4 * REFIT, synthetic_table(1.5, 0.35))
+    assert np.histogram(env._asked, 2, (0, 4 * REFIT))[0].min() >= 7
+
+
 def test_an_epoch_answers_once_and_then_never_again(workspace):
     table = synthetic_table(1.5, 0.35, n=50)
     table = table.drop(index=range(10))  # of the correct ones
@@ -75,7 +81,7 @@ def test_without_a_model_only_asked_steps_know_better_than_the_mean(workspace):
     asked, right = np.isin(np.arange(3_200), env._asked), actions[:, 2] > 0
     assert ((paid[asked] > W / 2) == right[asked]).all()
     assert np.ptp(paid[~asked][-300:]) < 0.05
-    assert env.notes() == {}
+    assert env.notes() == {"asked": len(env._asked)}
     contrast = paid[right].mean() - paid[~right].mean()
     assert contrast == pytest.approx(W, rel=0.15), "as large as if every step were asked about"
 

@@ -65,9 +65,12 @@ def test_a_weight_by_spread_falls_when_answers_come_closer_together(monkeypatch)
     told = [(0, 0.1), (1, 0.9), *3 * [(0, 0.4), (1, 0.6)]]  # a part is 500 steps, of 2,000
     table = pd.DataFrame(told, columns=["label", "p_error"]).assign(epoch=range(8))
     either = Observer(table, np.random.default_rng(0), lambda moment: 0.5, parts=4)
-    _, says = rewards("spread", observer=either)
+    paid, says = rewards("spread", observer=either)
     begins, first, second = says["weight_shares"]
     assert begins == first == 1 and second == pytest.approx(0.25, abs=0.01)
+    quiet = paid[(paid > 0) & (paid < 0.7)]  # of steps without collision
+    known = {0.07, 0.63, 0.28, 0.42, *(0.35 + second * (0.7 * p - 0.35) for p in (0.4, 0.6))}
+    assert {round(x, 3) for x in quiet} == {round(x, 3) for x in known}, "each as of its time"
 
 
 def test_a_run_whose_weight_changes_is_another_run():

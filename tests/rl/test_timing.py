@@ -77,6 +77,13 @@ def test_no_answer_is_credited_to_another_episode():
     )
 
 
+def test_a_window_reaches_up_to_an_end_that_comes_in_place_of_the_next_event():
+    timing = Timing(interval=STEPS, credit="window")
+    at_once, window = rewards(steps=STEPS + 1), rewards(timing, STEPS + 1)
+    assert at_once[-2] == pytest.approx(W) and at_once[-1] == window[-1] > 10 * W, "placed"
+    np.testing.assert_allclose(window[:-1], 0, atol=1e-12)  # as was seen in the first step
+
+
 @pytest.mark.parametrize("reset", [35, 38, 39])
 def test_windows_leave_out_no_step_of_an_episode(reset):
     timing = Timing(interval=10, delay=8, credit="window")
