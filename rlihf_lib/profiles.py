@@ -125,19 +125,18 @@ PROFILES = {
             total_steps=60_000,
             eval_every=5_000,
         ),
-        # Of the study's five seeds (of the ablation two, of constant and shuffled p three) those
-        # whose runs are shipped; the others are being computed, in order.
+        # Of RLIHF, and of an ideal decoder, those of five seeds whose runs are shipped.
         Profile(
             name="paper",
             n_subjects=None,
             n_policy_subjects=None,
             n_ablation_subjects=None,
-            seeds=(0, 1),
+            seeds=(0, 1, 2, 3),
             baseline_seeds=(0, 1, 2, 3, 4),
             ablation_seeds=(0, 1),
             tuned_seeds=(0, 1, 2, 3, 4),
-            ideal_seeds=(0, 1),
-            control_seeds=(0, 1),
+            ideal_seeds=(0, 1, 2, 3),
+            control_seeds=(0, 1, 2),
             total_steps=150_000,
             eval_every=10_000,
         ),

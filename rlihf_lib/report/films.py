@@ -24,7 +24,7 @@ STEPS, STEP = 80, 0.1  # control steps of a film at most, and seconds of each
 ALONE, ABREAST, TITLE, SCENE, HEIGHT, MARGIN, DPI = 640, 420, 28, 304, 480, 76, 100
 #: Of ffmpeg, by suffix. The last picture stays for a second; dithered ones would flicker.
 ENCODERS = {
-    ".gif": "-lavfi split[a][b];[a]palettegen=128[p];[b][p]paletteuse=dither=none -final_delay 100",
+    ".gif": "-lavfi split[a][b];[a]palettegen=96[p];[b][p]paletteuse=dither=none -final_delay 100",
     ".mp4": "-vf tpad=stop_mode=clone:stop_duration=1 -c:v libx264 -pix_fmt yuv420p -crf 20",
 }
 BITEXACT = "-map_metadata -1 -fflags +bitexact -flags:v +bitexact -threads 1"  # no dates, versions
