@@ -59,11 +59,14 @@ def test_nobody_tires_who_is_not_simulated(tmp_path, monkeypatch):
 
 
 def test_runs_of_an_experiment_differ_in_what_it_varies(beyond):
-    same = {"lateness": "timing", "ladder": "subject", "observers": "observer"}
+    same = {
+        "lateness": ["timing"], "ladder": ["subject"], "observers": ["observer"],
+        "tiring": ["subject", "schedule"],
+    }  # fmt: skip
     for name, varied in same.items():
         runs = beyond.run_configs(name)
         for entry in dataclasses.fields(runs[0]):
-            if entry.name not in ("seed", varied, "p_error_sha256"):
+            if entry.name not in ("seed", *varied, "p_error_sha256"):
                 assert len({str(getattr(config, entry.name)) for config in runs}) == 1, entry.name
     every = {config for name in EXPERIMENTS for config in beyond.run_configs(name)}
     assert len({config.run_id for config in every}) == len(every), "no two share a folder"

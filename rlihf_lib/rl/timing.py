@@ -77,15 +77,15 @@ class LateReward(TrainingReward):
         observation, _, terminated, truncated, info = self.advance(action)
         moment, timing, now = info["moment"], self.timing, self._steps - 1
         task: Any = self.unwrapped
-        first = self._steps - task.steps
+        begun = self._steps - task.steps  # first step of this episode
         if not terminated:
-            self._last[first] = now
+            self._last[begun] = now
             if now % timing.interval == 0:
                 (answer,) = map(float, self.feedback(self.observer.watch(moment)))
                 wait = timing.delay + int(self._rng.integers(timing.jitter + 1))
                 if timing.credit == "window":
                     wait = max(wait, timing.interval)
-                self._due.setdefault(now + wait, []).append((now, first, answer))
+                self._due.setdefault(now + wait, []).append((now, begun, answer))
         answers = self._due.pop(now, [])
         for *_, answer in answers:
             self._held = answer
@@ -93,7 +93,7 @@ class LateReward(TrainingReward):
         self._paid.append(self._held if timing.credit == "held" else self._sum / self._n)
         late: dict[int, float] = {}
         for event, first, answer in answers:
-            over = terminated or truncated or first < now + 1 - task.steps
+            over = terminated or truncated or first < begun
             for step, share in self._credited(now, event, first, over):
                 amount = share * (answer - self._paid[step])
                 late[step] = late.get(step, 0.0) + self.w_hf * amount

@@ -1,5 +1,7 @@
 """A weight that changes counts for all that is remembered, not only for what is new."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -73,7 +75,7 @@ def test_a_weight_by_spread_falls_when_answers_come_closer_together(monkeypatch)
     assert {round(x, 3) for x in quiet} == {round(x, 3) for x in known}, "each as of its time"
 
 
-def test_a_run_whose_weight_changes_is_another_run():
+def test_a_run_whose_weight_changes_is_another_run(monkeypatch):
     table = perfect_table().assign(subject="ideal")
     told = {"subject": "ideal", "w_hf": 0.7, "p_error_sha256": p_error_sha256(table, "ideal")}
     sizes = {"total_steps": 300, "eval_every": 150, "horizon": 60, "eval_rollouts": 1}
@@ -82,5 +84,9 @@ def test_a_run_whose_weight_changes_is_another_run():
     plain = RunConfig("rlihf", 0, **sizes, **told, sac=sac)
     assert "schedulegrowing" in config.run_id and config.hash != plain.hash
     assert train_run(config, table)["train.csv"] != train_run(plain, table)["train.csv"]
+    monkeypatch.setattr("rlihf_lib.rl.schedules.RENEWED", 250)
+    doubting = RunConfig("rlihf", 0, **sizes, **told, sac=sac, schedule="doubt")
+    begins, share = json.loads(train_run(doubting, table)["provenance.json"])["weight_shares"]
+    assert begins == 1 and LEAST < share < 1, "as the learner's own critics are apart"
     with pytest.raises(ValueError, match="schedule is 'rising'; choose one of constant, fading"):
         RunConfig("rlihf", 0, **sizes, **told, schedule="rising")
