@@ -7,6 +7,7 @@ from rlihf_lib.rl.sac.networks import StackedCritic
 
 N_NETWORKS, HIDDEN, LEARNING_RATE = 5, (64, 64), 1e-3
 UPDATES, PASSES, BATCH = 200, 20, 256  # of Adam in a fit, at most; over few answers
+FIRST = 0.1  # of their first outputs, relative to PyTorch's
 INPUT_NOISE = 0.1  # standard deviation, on observations and actions that they are fitted to
 
 
@@ -18,6 +19,9 @@ class RewardModel:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self._networks = StackedCritic(n_inputs, HIDDEN, N_NETWORKS)
+        with torch.no_grad():  # what they say before they know anything should not count
+            for parameters in (self._networks.weights, self._networks.biases):
+                parameters[-1].mul_(FIRST)
         self._optimizer = torch.optim.Adam(self._networks.parameters(), LEARNING_RATE)
         self._mean = 0.5
         self._weights = torch.empty(N_NETWORKS, 0, 1)

@@ -113,6 +113,15 @@ def test_a_model_doubts_what_it_has_not_seen():
     assert doubt[~seen].mean() > 1.5 * doubt[seen].mean()
 
 
+def test_a_model_of_hardly_any_answers_pays_their_mean():
+    inputs = np.random.default_rng(0).normal(size=(600, 42)).astype(np.float32)
+    model = RewardModel(42, seed=0)
+    model.fit(inputs[:3], np.array([0.2, 0.6, 0.7]))
+    known, doubt = model.predict(inputs)
+    assert abs(known.mean() - 0.5) < 0.03 and known.std() < 0.03, "not what they said untaught"
+    assert doubt.min() > 0 and len(np.unique(doubt)) > 500, "and yet some are more doubtful"
+
+
 def test_impossible_ways_of_asking_are_refused():
     with pytest.raises(ValueError, match="when is one of spread, unsure"):
         Asking(when="never")

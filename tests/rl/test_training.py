@@ -3,13 +3,17 @@
 import io
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from rlihf_lib.rl.asking import Asking
 from rlihf_lib.rl.feedback import p_error_sha256
 from rlihf_lib.rl.runs import RunConfig, SACSettings, is_done, write_run
+from rlihf_lib.rl.sac import make_sac
 from rlihf_lib.rl.sweep import run_sweep
-from rlihf_lib.rl.training import processor, train_run
+from rlihf_lib.rl.timing import Timing
+from rlihf_lib.rl.training import processor, train_run, training_reward
 
 SHORT = {"total_steps": 300, "eval_every": 150, "horizon": 60, "eval_rollouts": 2}
 SAC_SHORT = SACSettings(learning_starts=200, batch_size=64)
@@ -52,6 +56,43 @@ def test_run_folder_says_what_was_run_and_how_it_went(tmp_path):
     provenance = json.loads((folder / "provenance.json").read_text())
     assert provenance["packages"]["mujoco"] and provenance["kernels"]
     assert provenance["machine"].endswith(f" cores, {processor()}") and processor()
+
+
+@pytest.mark.parametrize(
+    ("steps", "changes"),
+    [
+        (300, {"timing": Timing(10, 8, credit="window")}),
+        (1_100, {"asking": Asking(300, model=True)}),
+        (1_100, {"schedule": "fading"}),
+    ],
+)
+def test_what_is_known_later_of_a_step_is_what_the_learner_remembers(monkeypatch, steps, changes):
+    made, paid = [], []
+
+    def wrapped(*told):
+        env = training_reward(*told)
+        step = env.step
+
+        def recorded(action):
+            result = step(action)
+            paid.append(result[1])
+            for ago, change in zip(*result[-1].get("late", ((), ())), strict=True):
+                paid[-1 - ago] += change
+            return result
+
+        env.step = recorded
+        return env
+
+    def kept(*told):
+        made.append(make_sac(*told))
+        return made[0]
+
+    monkeypatch.setattr("rlihf_lib.rl.training.training_reward", wrapped)
+    monkeypatch.setattr("rlihf_lib.rl.training.make_sac", kept)
+    sac = SACSettings(learning_starts=steps - 50, batch_size=64)
+    train_run(config(total_steps=steps, eval_every=steps, sac=sac, **changes), TABLE)
+    (memory,) = (model.replay_buffer for model in made)
+    np.testing.assert_allclose(memory.rewards[:steps, 0], paid, atol=1e-5)
 
 
 def test_a_run_that_diverges_is_named_with_its_settings(tmp_path):
