@@ -9,6 +9,8 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import active_children, connection, get_context, parent_process
 
 ATTEMPTS = 3
+# Workers fill the cores; with more threads each, they wait for one another.
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 def in_processes(
@@ -16,8 +18,8 @@ def in_processes(
 ) -> Iterator:
     """Give what `run(*job)` returns, in the order in which jobs finish.
 
-    In `workers` processes, each begun by `initializer`; of one worker or none: here. If a process
-    dies, what is left is tried twice more, then a RuntimeError says so.
+    In `workers` processes of one thread, each begun by `initializer`; of one worker or none: here.
+    If a process dies, what is left is tried twice more, then a RuntimeError says so.
     """
     if workers <= 1:
         yield from (run(*job) for job in jobs)
@@ -52,6 +54,7 @@ def _in_pool(run, jobs, workers, initializer):
 
 def _begin(initializer):
     """Begin a worker, which ends when its parent does, even if that is killed."""
+    os.environ.update(ONE_THREAD)  # of what it starts or imports
     threading.Thread(target=_end_with, args=[parent_process()], daemon=True).start()
     if initializer:
         initializer()

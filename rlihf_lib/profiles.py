@@ -42,8 +42,6 @@ class Profile:
     rank: float = 0.5
     """Whose feedback trains policies where one person's does: 0 the weakest decoder's, 1 the
     strongest's."""
-    baseline_seeds: tuple[int, ...] = ()
-    """Of sparse and dense reward, where they have more than RLIHF."""
     ablation_seeds: tuple[int, ...] = (0,)
     """Of the seeds, those of the ablation."""
     tuned_seeds: tuple[int, ...] = (0,)
@@ -60,10 +58,6 @@ class Profile:
     """Weight of the main comparison (Fig. 4, Table I): the best of the paper's three."""
     experiments: tuple[str, ...] = ()
     """Of `experiments.EXPERIMENTS` (notebook 06), those that are made."""
-
-    def seeds_of(self, condition) -> tuple[int, ...]:
-        """Return the seeds of a condition of the main comparison."""
-        return self.seeds if condition == "rlihf" else self.baseline_seeds or self.seeds
 
     def n_runs(self, stage, n_people) -> int:
         """Count the runs of a stage of `Study.run_configs` that waits for `n_people` decoders."""
@@ -125,17 +119,15 @@ PROFILES = {
             total_steps=60_000,
             eval_every=5_000,
         ),
-        # Of RLIHF, and of an ideal decoder, those of five seeds whose runs are shipped.
         Profile(
             name="paper",
             n_subjects=None,
             n_policy_subjects=None,
             n_ablation_subjects=None,
-            seeds=(0, 1, 2, 3),
-            baseline_seeds=(0, 1, 2, 3, 4),
+            seeds=(0, 1, 2, 3, 4),
             ablation_seeds=(0, 1),
             tuned_seeds=(0, 1, 2, 3, 4),
-            ideal_seeds=(0, 1, 2, 3),
+            ideal_seeds=(0, 1, 2, 3, 4),
             control_seeds=(0, 1, 2),
             total_steps=150_000,
             eval_every=10_000,

@@ -123,7 +123,9 @@ def _together(study, jobs, recompute):
         return jobs[:1]
     if together[0][0].stem != FROM_EEG[0]:
         return together
-    return [job for job in together if job[0].stem not in READ_01]
+    ready = [job for job in together if job[0].stem not in READ_01]
+    # Half of them at most, lest those that wait, 02 is the longest, come alone in the end.
+    return ready if len(ready) == len(together) else ready[: max(1, len(together) // 2)]
 
 
 def _parameters(study, step, workers, recompute):

@@ -172,7 +172,7 @@ class Study:
         """
         profile = self.profile
         if stage in ("sparse", "dense"):
-            return [self._config(stage, seed) for seed in profile.seeds_of(stage)]
+            return [self._config(stage, seed) for seed in profile.seeds]
         if stage == "tuned":
             # Never giving up, and looking further ahead.
             return [

@@ -87,7 +87,7 @@ def vary(
         name: told[name] for name in ("w_hf", "total_steps", "seeds", "weights") if name in told
     }
     if seeds:
-        sizes["ablation_seeds"] = sizes["baseline_seeds"] = told["seeds"]
+        sizes["ablation_seeds"] = told["seeds"]
     # These stand beside the profile's runs.
     sizes |= {"tuned_seeds": (), "ideal_seeds": (), "control_seeds": ()}
     words = ", ".join(f"{name} {_word(value)}" for name, value in told.items())

@@ -25,7 +25,8 @@ CAPTIONS = {
     "held-out person (Fig. 5)",
     "fig6_whf": "Return and success for three weights of human feedback, and differences within "
     "people (Fig. 6)",
-    "fig1_time_clearance": "Time and clearance of late successes, by weight (Fig. 1, as data)",
+    "fig1_time_clearance": "Time and clearance of late successes, by weight; large marks: people "
+    "who place the can at every weight (Fig. 1, as data)",
     "fig1_paths": "Paths round the obstacles, of the baselines and of each weight, from above and "
     "from the side (Fig. 1, as data)",
     "whf_inside": "What critics learn beside feedback: entropy coefficient and errors, in units of "
@@ -83,7 +84,6 @@ def results(study: Study) -> str:
         compared["comparison"].str.removeprefix("RLIHF ").str.replace(" - ", " over ")
     )
     n_people, n_seeds = len(people), len(study.profile.seeds)
-    n_baseline = len(study.profile.seeds_of("dense"))
     by_weight = ", ".join(f"{p.Mid:.2f} / {p.Late:.2f} with {w:g}" for w, p in weights.iterrows())
     fewer = study.profile.ablation_seeds
     told = f" (seed{'s' * (len(fewer) > 1)} {', '.join(map(str, fewer))})"
@@ -95,7 +95,7 @@ def results(study: Study) -> str:
             "keeps the distance people prefer",
             f"{clearance['rlihf']:.1f} cm from obstacles, {each.min():.1f} to {each.max():.1f} by "
             f"person (dense: {clearance['dense']:.1f})",
-            f"{figures}/fig1_paths.png",
+            f"{figures}/paths.png",
             "04",
         ),
         (
@@ -139,7 +139,6 @@ def results(study: Study) -> str:
     ]
     lines = [
         f"With {study.eeg_label}, {n_people} people x {n_seeds} seed{'s' * (n_seeds > 1)} "
-        f"({n_baseline} of each baseline), "
         f"{study.profile.total_steps:,} steps:",
         "",
         "| | paper | ours | notebook |",

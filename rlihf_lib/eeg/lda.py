@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.linalg import solve
-from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
 from rlihf_lib.eeg.fitting import DEFAULTS
@@ -65,8 +64,7 @@ def across_subjects(cohort, settings=DEFAULTS, spatial=whitening, ends=()) -> pd
     for subject in cohort:
         signals, labels, width, first = _window(subject, cohort[subject], settings)
         means = _flat((spatial(signals) @ averaged(signals, width)).transpose(0, 2, 1))
-        split = (means[labels == label] for label in (0, 1))
-        people[subject] = [(x, x.sum(axis=0), x.T @ x) for x in split]
+        people[subject] = [_summed(means[labels == label]) for label in (0, 1)]
     n_channels, rate = signals.shape[1], cohort[subject].info["sfreq"]
     longest = means.shape[1] // n_channels
     counts = {end: round((end - first) * rate) // width for end in ends}
@@ -124,6 +122,11 @@ def features(subject, epochs, settings, spatial) -> tuple[np.ndarray, np.ndarray
     return _flat(spatial(signals) @ averaged(signals, width)), labels
 
 
+def _summed(x):
+    """Epochs of a class, and what their moments are made of."""
+    return x, x.sum(axis=0), x.T @ x
+
+
 def _moments(parts, n_channels):
     """Of a class: number of epochs, mean, covariance; sum of |z|^4 by the length of the window.
 
@@ -159,15 +162,18 @@ def within_subject(cohort, settings=DEFAULTS) -> pd.DataFrame:
     for subject in cohort:
         signals, labels, width, _ = _window(subject, cohort[subject], settings)
         means, each = averaged(signals, width), covariances(signals)
+        n_channels, n_means = means.shape[1:]
         fold = np.arange(len(labels)) * N_FOLDS // len(labels)
         decision = np.zeros(len(labels))
         for k in range(N_FOLDS):
             train = fold != k
-            if len(np.unique(labels[train])) < 2:
+            if np.bincount(labels[train], minlength=2).min() < 2:
                 continue  # nothing to learn from: undecided
-            x = _flat(inverse_root(each[train].mean(axis=0)) @ means)
-            lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
-            decision[~train] = lda.fit(x[train], labels[train]).decision_function(x[~train])
+            x = _flat((inverse_root(each[train].mean(axis=0)) @ means).transpose(0, 2, 1))
+            split = (x[train & (labels == label)] for label in (0, 1))
+            classes = [_moments([_summed(own)], n_channels) for own in split]
+            weights, bias = _linear(classes, n_means, n_channels)
+            decision[~train] = x[~train] @ weights + bias
         rows.append(_score(subject, decision, labels))
     return pd.DataFrame(rows)
 

@@ -18,6 +18,11 @@ RANGES = {
     "clearance": NO_BOUNDS,
 }  # fmt: skip
 METRICS = tuple(RANGES)
+#: How figures show scatter, for their captions.
+SCATTER = (
+    "bands, bars: 95 % bootstrap intervals over people or seeds "
+    f"(of {MIN_UNITS} or more; else runs, or hollow means)"
+)
 
 
 def group_of(config) -> str:
@@ -114,5 +119,4 @@ def described(runs: pd.DataFrame) -> str:
     weights = runs.loc[runs["condition"] == "rlihf", "w_hf"].unique()
     if len(weights) == 1:
         words += f"; w_hf = {weights.item():g}"
-    few = f"of {MIN_UNITS} or more; else runs are shown"
-    return f"{words}; bands, bars: 95 % bootstrap intervals over people or seeds ({few})"
+    return f"{words}; {SCATTER}"

@@ -19,15 +19,14 @@ from rlihf_lib.report import statistics as st
 from rlihf_lib.report.evaluations import RANGES, phase_scores, size, unit_means
 from rlihf_lib.report.figures_policy import AXIS_LABELS
 from rlihf_lib.report.style import SHARE
-from rlihf_lib.report.tables import NO_INTERVAL
 
 CONTROL_STEP = 0.1  # s
 RUNS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "alpha": 0.4}
 BESIDE = 1.6  # points between lines that coincide
 #: Row of `people.correlation_table`: the phase, and what is reached in it.
 DECIDED = {
-    "success": ("Late", "success"), "success_mid": ("Mid", "success"),
-    "success_early": ("Early", "success"), "clearance": ("Late", "clearance"),
+    "success_early": ("Early", "success"), "success": ("Late", "success"),
+    "return": ("Late", "return"), "clearance": ("Late", "clearance"),
 }  # fmt: skip
 #: AUROC, by construction, of feedback that is always right, and that says nothing; the last two
 #: side by side to be seen.
@@ -110,8 +109,7 @@ def comparison_figure(runs: pd.DataFrame, table: pd.DataFrame) -> Figure:
     _bars(right, rows["improvement"], *ends, style.color("rlihf"))
     right.axvline(0.5, **style.REFERENCE)
     names = rows["comparison"].str.replace(" - ", " > ")
-    counted = rows["n"].str.removesuffix(NO_INTERVAL)
-    right.set_yticks(range(len(rows)), names + "\n" + counted, fontsize=style.SMALL)
+    right.set_yticks(range(len(rows)), names, fontsize=style.SMALL)
     right.set(xlim=SHARE, ylim=(-0.6, len(rows) - 0.4), xlabel="P(better) in late success")
     return fig
 
@@ -127,7 +125,7 @@ def equivalence_figure(people: pd.DataFrame, table: pd.DataFrame, runs: pd.DataF
     """How far late success of RLIHF is from that of dense reward: over all, and person by person.
 
     Tables as `tables.comparison_table` and `people.subject_table` make them; of `runs` each
-    person's are dots. Who lies between the dotted lines, interval and all, teaches as well as
+    person's are dots. Who lies between the dashed lines, interval and all, teaches as well as
     dense reward (`statistics.equivalence_test` asks for a little less: that a 90 % interval does).
     """
     overall = table[(table["metric"] == "success") & table["comparison"].str.endswith("dense")]
@@ -159,7 +157,7 @@ def equivalence_figure(people: pd.DataFrame, table: pd.DataFrame, runs: pd.DataF
 def decoder_policy_figure(
     runs: pd.DataFrame, people: pd.DataFrame, correlations: pd.DataFrame, threshold: pd.DataFrame
 ) -> Figure:
-    """Does a better decoder make a better policy, late, or sooner, or a safer one? By AUROC.
+    """Does a better decoder make a better policy, sooner or in the end, or a safer one? By AUROC.
 
     A point a person, and each control among `runs`; tables as `people.subject_table`,
     `people.correlation_table` and `people.threshold_table` make them. People are named who teach
@@ -189,21 +187,23 @@ def decoder_policy_figure(
             ax.annotate(person, place, (3, 4), textcoords="offset points", fontsize=7)
         if tested in found.index:  # no clearance where nothing is placed
             ax.set_title(_correlation(found.loc[tested]))
-        name = AXIS_LABELS[metric] if metric == "clearance" else f"{phase} success rate"
-        ax.set(xlabel="AUROC", ylabel=name, ylim=(-0.05, 1.05 if metric == "success" else None))
+        of_phase = {"success": f"{phase} success rate", "return": f"{phase} return"}
+        ax.set(xlabel="AUROC", ylabel=of_phase.get(metric, AXIS_LABELS[metric]))
+        if metric != "return":
+            ax.set_ylim(-0.05, 1.05 if metric == "success" else None)
+    late = axes[[*DECIDED].index("success")]
     if pd.notna(low):
         label = f"half of dense: AUROC {low:.2f} to {high:.2f}"
-        axes[0].axvspan(low, high, color="#EEEEEE", lw=0, label=label)
-    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        late.axvspan(low, high, color="#EEEEEE", lw=0, label=label)
+    fig.legend(*late.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 
 
 def _correlation(found):
-    spread = (
-        f"[{found['ci_low']:.2f}, {found['ci_high']:.2f}]" if np.isfinite(found["ci_low"]) else ""
-    )
-    words = rf"$\rho$ = {found['rho']:.2f}", spread, rf"$p_\mathrm{{Holm}}$ = {found['p_holm']:.2g}"
-    return "\n".join(filter(None, words)).replace("-", "−")
+    words = [rf"$\rho$ = {found['rho']:.2f}", rf"$p_\mathrm{{Holm}}$ = {found['p_holm']:#.2g}"]
+    if np.isfinite(found["ci_low"]):
+        words.insert(1, f"[{found['ci_low']:.2f}, {found['ci_high']:.2f}]")
+    return "\n".join(words).replace("-", "−")
 
 
 def _runs_and_mean(ax, x, scores, metric, shade, label):

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from rlihf_lib.report import paper, style
@@ -132,9 +133,9 @@ def figure_4(runs: pd.DataFrame, scores: pd.DataFrame) -> Figure:
         ax.set_title(title, fontsize=7.5, fontweight="bold" if chosen is runs else None)
     for i, ax in enumerate(axes.flat):
         name_axes(ax, runs, "return")
-        is_last = i >= n - columns  # of its column
-        ax.set(xlabel=STEPS if is_last else "", ylabel="", visible=i < n)
-        ax.tick_params(labelbottom=is_last)
+        # The last panel of a column has numbers; named, they would part the rows.
+        ax.set(xlabel=STEPS if i >= columns * (rows - 1) else "", ylabel="", visible=i < n)
+        ax.tick_params(labelbottom=i >= n - columns)
     fig.supylabel(AXIS_LABELS["return"], fontsize=8)
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
@@ -152,7 +153,8 @@ def training_figure(runs: pd.DataFrame, training: pd.DataFrame, condition: str, 
     for _, run in earned.groupby("run"):
         axes[0].plot(run["step"] / 1000, run["return"], color=shade, lw=0.5, alpha=0.3)
     mean = earned.groupby("step")["return"].mean()
-    axes[0].plot(mean.index / 1000, mean, color=shade, lw=1.6)
+    outline = [withStroke(linewidth=3, foreground="white")]  # seen among many runs
+    axes[0].plot(mean.index / 1000, mean, color=shade, lw=1.6, path_effects=outline)
     name_axes(axes[0], runs, "return")
     axes[0].set_ylabel(f"Training return,\nreward of {style.label(condition)}")
     for ax, metric in zip(axes[1:], ("return", "success"), strict=True):

@@ -60,6 +60,7 @@ def _paired(runs: pd.DataFrame, ax: Axes) -> None:
     ax.axhline(0, **style.REFERENCE)
     ax.set_xticks(range(len(pairs)), [f"{high:g}\n− {low:g}" for low, high in pairs])
     ax.set(xlim=(-0.5, len(pairs) - 0.2), ylabel="Late return, difference")
+    ax.set_xlabel(r"Larger − smaller $w_{hf}$")
 
 
 def weights_figure(training: pd.DataFrame) -> Figure:
@@ -88,21 +89,24 @@ def trade_off_figure(runs: pd.DataFrame) -> Figure:
     """Time taken against clearance kept, over the late rollouts that place the can (cf. Fig. 1).
 
     Of dense reward, a small mark a run, and of RLIHF at any weights, a small mark a person; n runs
-    place the can. `runs` has the column steps. Lines: where people are at ease above, and the robot
-    too close below.
+    place the can. Large marks are means: of RLIHF over the people who place it at every weight.
+    `runs` has the column steps. Lines: where people are at ease above, and the robot too close
+    below.
     """
     late = runs.query("phase == 'Late' and success == 1")
     late = late.assign(seconds=CONTROL_STEP * late["steps"], cm=100 * late["min_clearance"])
     fig, ax = plt.subplots(figsize=(style.COLUMN_WIDTH, 3.3))
     placed = late.groupby(["group", "w_hf", "subject", "run"])[["seconds", "cm"]].mean()
     dense = {"label": style.label("dense"), "color": style.color("dense"), "marker": "D"}
-    weights = by_weight(placed.query("group == 'rlihf'"))
-    for scores, look in [(placed.query("group == 'dense'"), dense), *weights]:
+    ours = placed.query("group == 'rlihf'")
+    at_each = ours.groupby(["w_hf", "subject"]).size().unstack("w_hf").dropna().index
+    for scores, look in [(placed.query("group == 'dense'"), dense), *by_weight(ours)]:
         if len(scores):
-            means, words = unit_means(scores), f"{look['label']} (n = {len(scores)})"
-            (x, y), intervals = means.mean(), st.mean_interval(means)
+            ax.plot(*unit_means(scores).to_numpy().T, **look | EACH)
+            compared = unit_means(scores[scores.index.isin(["", *at_each], level="subject")])
+            (x, y), intervals = compared.mean(), st.mean_interval(compared)
             arms = np.abs(intervals - [[x, y]])
-            ax.plot(*means.to_numpy().T, **look | EACH)
+            words = f"{look['label']} (n = {len(scores)})"
             look |= {"label": words, "mec": "black", "mew": 0.5, "ms": 5, "elinewidth": 1.2}
             ax.errorbar(x, y, arms[:, 1:], arms[:, :1], ls="", **look)
     if not len(late):

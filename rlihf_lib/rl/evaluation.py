@@ -23,6 +23,7 @@ from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.moment import Moment
 
 EVALUATION_SEEDS = 1_000_000  # placements from here on are never trained on
+SHOWN = 300  # steps of a path or film at most: what is not placed in 30 s hardly ever is
 Act = Callable[[Any], np.ndarray]
 
 

@@ -15,6 +15,7 @@ from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster, Security, as_completed, get_worker
 
 from rlihf_lib.files import one_at_a_time
+from rlihf_lib.parallel import ONE_THREAD
 from rlihf_lib.progress import Progress
 from rlihf_lib.rl.feedback import check_feedback, rows_of
 from rlihf_lib.rl.runs import is_done, write_run
@@ -34,8 +35,6 @@ QUIET = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
-# More than one thread per process is slower: the workers fill the cores.
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 def run_sweep(

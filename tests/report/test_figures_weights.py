@@ -80,3 +80,14 @@ def test_time_and_clearance_are_those_of_late_successes(runs, weighed):
     people = runs.query("phase == 'Late' and success == 1").groupby("w_hf")["subject"].nunique()
     assert [len(line) for line in dots] == [5, *people[1:]], "runs of dense, people at each weight"
     assert {x for line in dots for x in line} == {8.0}
+
+
+def test_large_marks_compare_the_people_who_place_the_can_at_every_weight(weighed):
+    own = weighed.assign(success=1, steps=80)
+    own.loc[own["subject"] == "s02", "steps"] = 800
+    own.loc[(own["subject"] == "s02") & (own["w_hf"] == 0.1), "success"] = 0
+    (ax,) = figures_weights.trade_off_figure(own).axes
+    small = [max(line.get_xdata()) for line in ax.lines if line.get_alpha()]
+    assert small == [8, 80, 80], "s02 is seen"
+    large = [bars.lines[0].get_xdata() for bars in ax.containers]
+    assert [list(x) for x in large] == [[8], [8], [8]], "and doesn't count"
