@@ -138,7 +138,7 @@ def results(study: Study) -> str:
         ),
     ]
     lines = [
-        f"With {study.eeg_label}, {n_people} people x {n_seeds} seed{'s' * (n_seeds > 1)} "
+        f"With {study.eeg_label}, {n_people} people x {n_seeds} seed{'s' * (n_seeds > 1)}, "
         f"{study.profile.total_steps:,} steps:",
         "",
         "| | paper | ours | notebook |",

@@ -17,6 +17,11 @@ def test_every_job_is_done_once(workers):
     assert sorted(in_processes(divmod, [(7, 2), (9, 4)], workers)) == [(2, 1), (3, 1)]
 
 
+def test_workers_have_one_thread_each(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    assert list(in_processes(os.getenv, [("OMP_NUM_THREADS",)] * 2, workers=2)) == ["1", "1"]
+
+
 def die_twice(folder, number):
     """Note the attempt; a process that gets the first job dies with its first two attempts."""
     tries = len(list(folder.glob(f"{number}-*")))
