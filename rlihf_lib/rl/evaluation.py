@@ -23,7 +23,7 @@ from rlihf_lib.task.gym_env import PickPlaceEnv
 from rlihf_lib.task.moment import Moment
 
 EVALUATION_SEEDS = 1_000_000  # placements from here on are never trained on
-SHOWN = 300  # steps of a path or film at most: what is not placed in 30 s hardly ever is
+SHOWN = 300  # steps of a recording at most: what is not placed in 30 s hardly ever is
 Act = Callable[[Any], np.ndarray]
 
 
@@ -73,14 +73,14 @@ class Recording:
 
 
 def record(env: PickPlaceEnv, act: Act, seed: int) -> Recording:
-    """Run one episode and keep what a film or a drawing of its path needs."""
+    """Run one episode, `SHOWN` steps at most; keep what a film or a drawing of its path needs."""
 
     def look():
         return env.controller.hand.copy(), env.body("can"), env.data.qpos.copy()
 
     env.reset(seed=seed)
     states, steps = [look()], []
-    for *_, info in rollout(env, act, seed):
+    for *_, info in islice(rollout(env, act, seed), SHOWN):
         states.append(look())
         steps.append((info["moment"], env.stages.stage))
     hand, can, qpos = (np.array(part) for part in zip(*states, strict=True))

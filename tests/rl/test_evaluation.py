@@ -63,6 +63,11 @@ def test_recording_ends_with_the_can_on_the_goal():
     assert list(dict.fromkeys(recording.stages)) == list(STAGES)
 
 
+def test_recording_of_a_robot_that_places_nothing_ends_after_thirty_seconds():
+    recording = record(PickPlaceEnv(1_000), sit_still, 1)
+    assert not recording.success and len(recording.moments) == 300 == len(recording.qpos) - 1
+
+
 def test_paths_figure_draws_every_run_from_above_and_from_the_side():
     env = PickPlaceEnv(HORIZON)
     placed = record(env, expert_action, 1)
